@@ -138,7 +138,7 @@ def of_success(task: str, seed: int) -> tuple[list[float], Array]:
         audit = rpil.audit(world.demonstrations)
     good, success = world.is_good.astype(int), world.success.astype(float)
     row = {"good": good, "columns": audit.columns}
-    known = Answers(np.zeros(len(good), dtype=int), np.empty((0, 2), dtype=int), success)
+    known = Answers(np.zeros(len(good), dtype=int), np.empty((0, 2), dtype=int), success[:, None], names=("success",))
     found = answered(row, known, SETTINGS)
     both = 1e6 * success + audit.log_odds
     score = partial(auroc, good)

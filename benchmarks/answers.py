@@ -45,6 +45,7 @@ from options import asked
 from provenance import line, provenance
 from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
+from witnesses import by_witnesses
 from worlds.simulated import of_paper
 
 LOW = 0.4
@@ -78,7 +79,7 @@ def main(arguments: list[str] | None = None) -> int:
         parts += [partial(by_one_side, sets, 2 * draws, k, side) for side in (1, -1) for k in (1, 2, 3)]
         parts += [partial(by_questions, [audit], draws) for audit in sets]
         parts += [partial(by_both_good, sets)]
-        parts += [partial(by_success, options.quick)]
+        parts += [partial(by_success, options.quick), partial(by_witnesses, sets, draws)]
         parts += [partial(by_outcome, sets, draws), partial(by_nonsense, audits, draws)]
         rows = [row for found in pool.imap(call, parts) for row in found]
     print(table(rows))
@@ -277,7 +278,8 @@ def by_outcome(sets: list[Row], draws: int) -> list[Row]:
         for draw in range(draws):
             shown = np.random.default_rng(draw).random(len(good)) < 0.5
             none = np.zeros(len(good), dtype=int)
-            answers = replace(Answers.of_labels(none), outcome=np.where(shown, audit["quality"], np.nan))
+            quality = np.where(shown, audit["quality"], np.nan)
+            answers = replace(Answers.of_labels(none), outcomes=quality[:, None], names=("quality",))
             rest = known[~shown[known]]
             own.append(auroc(good[rest], answered(audit, answers).log_odds[rest]))
         values.append(np.nanmean(own))

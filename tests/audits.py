@@ -52,7 +52,6 @@ def make_audit(
         wrong = rng.random(length) < np.where(middle, min(2 * bad, 1), bad / 10)
         ratios.append(np.where(wrong, -rng.exponential(3.0, length), rng.uniform(0.1, np.log(3), length)))
         reliability[m] = 1 - wrong.mean()
-    half = 1.96 * np.sqrt(reliability * (1 - reliability) / lengths + 1e-4)
     sign = np.array([{"upper": 1.0, "open": 0.0, "lower": -1.0}[SIDES[verdict]] for verdict in verdicts])
     log_odds = sign * (3 + 0.4 * lengths * rng.random(size)) + rng.normal(0, 0.5, size)
     steps = np.concatenate(ratios)
@@ -63,7 +62,6 @@ def make_audit(
         "log_odds": log_odds,
         "expert_proba": 1 / (1 + np.exp(-log_odds)),
         "reliability": reliability,
-        "reliability_interval": np.clip(np.stack([reliability - half, reliability + half], axis=1), 0, 1),
         "verdicts": tuple(verdicts),
         "step_log_ratio": steps,
         "step_weight": (steps > 0).astype(float),

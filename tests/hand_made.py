@@ -44,11 +44,11 @@ COLUMNS = np.column_stack([np.linspace(-1.5, 1.5, 12), np.tile([0.5, -0.5, 0.1],
 
 
 def answers_of(labels: Any = None, pairs: Any = (), outcome: Any = None, tied: Any = (), m: int = 12) -> Answers:
-    """Answers about `m` demonstrations, or as many as there are labels."""
+    """Answers about `m` demonstrations, or as many as there are labels; one outcome or several."""
     labels = np.zeros(m, dtype=np.int64) if labels is None else np.asarray(labels, dtype=np.int64)
-    outcome = np.full(len(labels), np.nan) if outcome is None else np.asarray(outcome, dtype=float)
+    outcomes = np.array([] if outcome is None else outcome, dtype=float).reshape(-1, len(labels)).T
     pairs, tied = (np.array(numbers, dtype=np.int64).reshape(-1, 2) for numbers in (pairs, tied))
-    return Answers(labels, pairs, outcome, tied)
+    return Answers(labels, pairs, outcomes, tied, ("outcome", "other", "third")[: outcomes.shape[1]])
 
 
 def reference(data: FitData, settings: JudgeSettings) -> Array:

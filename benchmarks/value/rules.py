@@ -140,7 +140,7 @@ def with_outcomes(known: Known, count: int | None = None) -> Array:
         outcome[np.random.default_rng(known.seed).permutation(len(outcome))[count:]] = np.nan
     if not np.nanmin(outcome) < np.nanmax(outcome) or not audit.columns.size:  # nothing can be learned
         return keep(known)
-    answers = replace(Answers.of_labels(np.zeros(len(outcome), dtype=np.int64)), outcome=outcome)
+    answers = replace(Answers.none(len(outcome)), outcomes=outcome[:, None], names=("success",))
     return without_bad(with_answers(audit, answers))
 
 

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+import rpil
 from command_line import call, ok, refused
 from rpil import formats
 from rpil.estimators.pipeline import FitOptions
@@ -54,8 +55,31 @@ def given(monkeypatch):
 def test_a_fit_is_given_the_outcome_that_is_named_and_no_other(data, given, command):
     ok(command[0], data, *command[1:], "--observations", "x,v")
     ok(command[0], data, *command[1:], "--observations", "x,v", "--outcome", "-next.success")
-    assert [np.isnan(task.answers.outcome).all() for task in given] == [True, False]
-    np.testing.assert_array_equal(given[1].answers.outcome, [float(m in BAD) for m in range(24)])
+    assert [task.answers.names for task in given] == [(), ("-next.success",)]
+    np.testing.assert_array_equal(given[1].answers.outcomes[:, 0], [float(m in BAD) for m in range(24)])
+
+
+def test_several_outcomes_are_witnesses_in_each_task_and_one_that_the_others_turn_is_named(given):
+    """All grades of the second task are alike, and are none there."""
+    bad, owner = {*range(0, 48, 3)}, np.repeat(np.arange(48), N_STEPS)
+    retries = np.isin(owner, list(bad)) + (owner % 16 == 5)
+    data = write("w.parquet", 48, bad, 1, retries=retries, task=np.where(owner < 24, "lift", "turn"))
+    grades = {m: 5 - 2 * (m in bad) if m < 24 else 7 for m in range(48)}
+    Path("grade.csv").write_text("id,value\n" + "".join(f"{m},{grade}\n" for m, grade in grades.items()))
+    Path("l.csv").write_text("id,label\n0,bad\n1,good\n24,bad\n25,good\n")
+    one = audited(data, "--outcome", "next.success", "--outcome", "-retries", "--outcome", "grade.csv")
+    names = "grade", "next.success", "-retries"
+    assert [task.answers.names for task in given] == [names, names[1:]]
+    assert {row["id"] for row in one["demonstrations"] if row["verdict"] == "bad"} == bad
+    commas = audited(data, "--outcome", "next.success,-retries,grade.csv")
+    assert commas["demonstrations"] == one["demonstrations"]
+    turned = rpil.audit(data, outcome=["next.success", "grade.csv", "retries"], labels="l.csv", observations="x,v")
+    assert {m for m, verdict in enumerate(turned.verdicts) if verdict == "bad"} == bad
+    assert turned.doubts == ("The outcome retries contradicts the other answers: less of it counts as better.",)
+    known = turned.answers
+    assert known.names == ("grade", "next.success", "retries")
+    np.testing.assert_array_equal(known.outcomes[:, 0], [grades[m] if m < 24 else np.nan for m in range(48)])
+    np.testing.assert_array_equal(known.outcomes[:, 2], retries[::N_STEPS])
 
 
 @pytest.mark.parametrize(
@@ -98,8 +122,8 @@ def test_a_reference_is_labelled_good_and_left_out_of_what_is_written(data, give
     found = audited(data, *options, *outputs)
     labels, ids = given[0].answers.labels, given[0].source.ids
     assert {ids[m]: labels[m] for m in labels.nonzero()[0]} == {"3": -1} | {f"reference {m}": 1 for m in range(10)}
-    assert len(given[0].answers.outcome) == 34
-    assert np.sum(given[0].answers.outcome) == 30
+    assert len(given[0].answers.outcomes) == 34
+    assert np.sum(given[0].answers.outcomes) == 30
     assert found["n_demonstrations"] == 24
     assert found["n_steps"] == 24 * N_STEPS
     assert {row["id"] for row in found["demonstrations"]} == set(range(24))

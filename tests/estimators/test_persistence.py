@@ -76,7 +76,7 @@ def test_loaded_rpil_has_the_same_audit_and_scores(kind, data, tmp_path, request
     assert loaded.audit_.to_dict() == fitted.audit_.to_dict()
     for name in ("ids", "finding", "verdicts", "competing", "pair", "doubts", "contradicting", "assumptions", "prior"):
         assert getattr(loaded.audit_, name) == getattr(fitted.audit_, name)
-    for name in ("offsets", "step_log_ratio", "step_weight", "reliability_interval", "from_actions"):
+    for name in ("offsets", "step_log_ratio", "step_weight", "reliability", "from_actions"):
         np.testing.assert_array_equal(getattr(loaded.audit_, name), getattr(fitted.audit_, name))
     np.testing.assert_array_equal(loaded.score_demonstrations(data), fitted.score_demonstrations(data))
     assert (loaded.judge_ is None) == (kind == "mixture") == (loaded.state_ is not None)

@@ -52,7 +52,7 @@ def folder(tmp_path):
 def test_what_lies_beside_the_arrays_says_task_and_outcome(folder):
     recording = rpil.open(folder, outcome="success")
     assert recording.tasks == {"0": "lift", "1": "lift", "2": "lift"}
-    assert recording.facts.outcome.tolist() == [1.0, 1.0, 0.0]
+    assert recording.facts.outcomes[0].tolist() == [1.0, 1.0, 0.0]
     said = recording.describe()
     assert said.observations == ("state.0", "state.1")
     assert said.format == "NPZ, a file for each demonstration"
@@ -117,7 +117,7 @@ def test_a_reward_of_each_step_is_one_also_where_there_is_one_step(tmp_path):
             arrays = {"observations": np.ones((n, 2)), "actions": np.ones((n, 1)), "rewards": np.full(n, k + 1.0)}
             np.savez(folder / f"{k}.npz", **arrays)
         found = formats.read_recording(folder, formats.ColumnOptions(outcome="rewards"))
-        assert found.facts.outcome.tolist() == [n * (k + 1) for k, n in enumerate(lengths)]
+        assert found.facts.outcomes[0].tolist() == [n * (k + 1) for k, n in enumerate(lengths)]
     np.savez(folder / "2.npz", observations=np.ones((3, 2)), actions=np.ones((3, 1)), rewards=2.0)
     with pytest.raises(DataError, match="demonstration '2': it has one 'rewards', and not every other has"):
         formats.read_recording(folder, formats.ColumnOptions(outcome="rewards"))

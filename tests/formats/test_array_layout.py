@@ -154,7 +154,7 @@ def test_what_is_said_of_stacked_demonstrations_as_a_whole_is_known(written):
     about = {"episode_id": np.array([7, 5, 6]), "success": np.array([1.0, 0.0, 1.0]), "camera": np.zeros((2, 2))}
     recording = rpil.open(written(ROWS | {"lengths": np.array(LENGTHS)} | about), outcome="success")
     assert recording.demonstrations.ids == (7, 5, 6)
-    assert recording.facts.outcome.tolist() == [1, 0, 1]
+    assert recording.facts.outcomes[0].tolist() == [1, 0, 1]
     assert {"camera", "lengths", "success"} <= recording.describe().ignored.keys()
 
 

@@ -137,7 +137,7 @@ def test_what_follows_from_the_steps_follows_those_that_are_read(read):
     assert read(rows, only="0,1").describe().tasks == ("a",)
     x = rows["observation.x"].to_numpy()[:T]
     assert read(rows, only="0").describe().ranges["x"] == (x.min(), x.max())
-    assert read(rows, only="0,1", outcome="length").facts.outcome.tolist() == [T, T]
+    assert read(rows, only="0,1", outcome="length").facts.outcomes[0].tolist() == [T, T]
 
 
 def test_a_message_names_the_row_of_the_file(read):

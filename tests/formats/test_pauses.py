@@ -128,8 +128,8 @@ def test_columns_of_meta_are_listed_and_can_be_named(folder):
     assert recording.description.operators == ("ann", "bob")
     assert recording.operators == [("0", "ann"), ("1", "bob"), ("2", "ann")]
     assert recording.facts.sessions == ("ann", "bob", "ann")
-    assert recording.facts.outcome.tolist() == [1, 0, 1]
-    assert rpil.open(folder, outcome="-success").facts.outcome.tolist() == [0, 1, 0]
+    assert recording.facts.outcomes[0].tolist() == [1, 0, 1]
+    assert rpil.open(folder, outcome="-success").facts.outcomes[0].tolist() == [0, 1, 0]
     some = rpil.open(folder, operator="operator_name", only="1-2")
     assert some.operators == [("1", "bob"), ("2", "ann")]
     assert recording.demonstrations.lengths.tolist() == [*LENGTHS]

@@ -92,11 +92,11 @@ def test_outcomes_are_read_when_they_are_named_and_are_no_observations(tmp_path,
     path = written(tmp_path, suffix)
     rewards = [np.arange(15.0)[m == OWNERS].sum() for m in range(3)]
     for name, expected in (("next.success", [1, 0, 1]), ("reward", rewards), ("length", LENGTHS)):
-        np.testing.assert_array_equal(facts(path, on_disk, outcome=name).outcome, expected)
-        worse = facts(path, on_disk, outcome=f"-{name}")
-        np.testing.assert_array_equal(worse.outcome, float(name == "next.success") - np.array(expected))
-        assert worse.outcome_name == f"-{name}"
-    assert facts(path, on_disk).outcome is None
+        np.testing.assert_array_equal(facts(path, on_disk, outcome=name).outcomes, [expected])
+        worse = facts(path, on_disk, outcome=("length", f"-{name}"))
+        np.testing.assert_array_equal(worse.outcomes[1], float(name == "next.success") - np.array(expected))
+        assert (worse.outcome_names, worse.outcomes[0].tolist()) == (("length", f"-{name}"), [*LENGTHS])
+    assert facts(path, on_disk).outcomes == ()
     seen = formats.read_recording(path, ColumnOptions(outcome="half"), on_disk=on_disk)
     assert "half" not in seen.description.observations
     with refused(r"'half' changes within .*'next.success', 'reward', 'length'"):

@@ -9,13 +9,13 @@ import pytest
 from scipy.special import expit, logit
 
 from hand_made import COLUMNS, answers_of
-from rpil.inference.answered import Answered, answer, contradicting, places_to_ask
-from rpil.inference.answers import explained, posterior, predicted
+from rpil.inference.answered import Answered, answer, contradicting, explained, places_to_ask, predicted
 from rpil.inference.settings import AnswerSettings
+from rpil.inference.witnesses import regression, weigh
 
 NAN, SETTINGS = np.nan, AnswerSettings()
 SURE = logit(1 - SETTINGS.min_proba_bound)
-ROWS = np.column_stack([np.ones(12), COLUMNS])
+ERROR, EVERYTHING = SETTINGS.error, np.arange(12)
 AGREED = [-1, 0, -1, 0, -1, 0, 0, 1, 0, 1, 0, 1]
 AS_NOTHING_SAYS = [1, -1, 1, 0, -1, 0, 1, -1, 0, 1, 0, -1]
 """Labels that no column predicts."""
@@ -25,9 +25,24 @@ def judged(answers, columns=COLUMNS, **settings) -> Answered:
     return answer(columns, answers, replace(SETTINGS, **settings), np.arange(len(columns)))
 
 
+def evidence_of(answers):
+    """Rows, the evidence of answers, and with that of witnesses, how many rows are pairs, and of witnesses alone."""
+    rows, n_pairs = answers.rows(COLUMNS)
+    evidence = answers.evidence(logit(1 - ERROR))
+    by_witnesses = weigh(rows, evidence, n_pairs, answers.outcomes, SETTINGS).evidence.sum(axis=1)
+    return rows, evidence, evidence + np.append(by_witnesses, np.zeros(n_pairs)), n_pairs, by_witnesses
+
+
 def log_odds_by(answers):
-    """By the columns alone."""
-    return logit(posterior(COLUMNS, answers, SETTINGS).proba(ROWS))
+    """By the columns, and by witnesses."""
+    rows, _, total, n_pairs, by_witnesses = evidence_of(answers)
+    return regression(rows, total, n_pairs, SETTINGS)(rows[:12]) + by_witnesses
+
+
+def share_explained(answers):
+    rows, evidence, total, n_pairs, _ = evidence_of(answers)
+    answered, right = predicted(rows, evidence, total, n_pairs, len(answers.tied), SETTINGS)
+    return explained(evidence[answered], right, n_pairs)
 
 
 def test_a_label_decides_about_its_own_demonstration_and_others_are_judged_by_it():
@@ -55,7 +70,7 @@ def test_verdicts_begin_at_the_limit_of_the_probability():
 
 def test_others_have_a_verdict_once_answers_predict_each_other():
     some = answers_of(AGREED)
-    value = explained(*predicted(COLUMNS, some, SETTINGS))
+    value = share_explained(some)
     assert value > SETTINGS.min_explained
     for limit, follows in ((value, True), (value + 1e-9, False)):
         found = judged(some, min_explained=limit)
@@ -93,23 +108,48 @@ def test_two_answers_that_contrast_give_words_and_two_pairs():
 
 
 # Outcomes.
-def test_a_rank_is_evidence_beside_what_the_columns_say():
-    outcome = np.array([9.0, NAN, 7.0, NAN, 5.0, NAN, NAN, 3.0, NAN, 2.0, 1.0, NAN])
-    some = answers_of([0] * 11 + [-1], outcome=outcome)
-    ranks = np.full(12, NAN)
-    ranks[[0, 2, 4, 7, 9, 10]] = np.array([11, 9, 7, 5, 3, 1]) / 12
-    expected = logit(posterior(COLUMNS, some, SETTINGS).proba(ROWS, ranks))
-    np.testing.assert_allclose(judged(some).log_odds[:11], expected[:11])
-    np.testing.assert_allclose(expected[[1, 3]], log_odds_by(some)[[1, 3]])
-    assert expected[0] > log_odds_by(some)[0]
+ENDED = [9.0, NAN, 7.0, NAN, 5.0, NAN, NAN, 3.0, NAN, 2.0, 1.0, NAN]
+
+
+@pytest.mark.parametrize("outcome", [ENDED, [ENDED, [float(m % 3) for m in range(12)]]])
+def test_witnesses_are_evidence_beside_what_the_columns_say(outcome):
+    some = answers_of(AGREED, outcome=outcome)
+    found = judged(some)
+    free = some.labels == 0
+    np.testing.assert_allclose(found.log_odds[free], log_odds_by(some)[free])
+    rows, evidence, _, n_pairs, _ = evidence_of(some)
+    expected = weigh(rows, evidence, n_pairs, some.outcomes, SETTINGS)
+    np.testing.assert_array_equal(found.witnesses.confirmed, expected.confirmed)
+    assert found.witnesses.evidence[1, 0] == 0
+
+
+def flagged(right, m=60):
+    """Columns that tell quality, and flags without failures that are said, which are `right` so often."""
+    rng = np.random.default_rng(0)
+    good = rng.random(m) < 0.5
+    columns = np.column_stack([2.0 * good - 1, rng.normal(size=m), rng.normal(size=m)]) + 0.5 * rng.normal(size=(m, 3))
+    return columns, np.where(rng.random(m) < right, good, ~good) + 0.5, 2 * good - 1
+
+
+def test_an_outcome_alone_gives_words_where_columns_confirm_it():
+    columns, outcome, truth = flagged(0.95)
+    found = judged(answers_of(m=60, outcome=outcome), columns)
+    assert found.follows
+    assert set(found.verdicts * truth) <= {0, 1}
+    assert {-1, 1} <= set(found.verdicts)
+    assert judged(answers_of(m=60, outcome=outcome), columns, min_explained=0.999).follows, "as of labels alone"
+    columns, coin, _ = flagged(0.5)
+    found = judged(answers_of(m=60, outcome=coin), columns, min_explained=-9.0)
+    assert not found.follows
+    assert not found.verdicts.any()
+    assert judged(answers_of(m=60, outcome=[coin, outcome]), columns).follows, "one is enough"
 
 
 def test_what_failed_is_bad_and_a_label_goes_before_its_flag():
     outcome = np.array([1.0, 0.0, NAN, 1.0, 0.0] + [NAN] * 6 + [0.0])
     some = answers_of([0, 0, 0, -1] + [0] * 7 + [1], outcome=outcome)
     found = judged(some)
-    flags = np.where(np.arange(12) == 0, 1.0, NAN)
-    assert found.log_odds[0] == pytest.approx(logit(posterior(COLUMNS, some, SETTINGS).proba(ROWS, flags))[0])
+    assert found.log_odds[0] == pytest.approx(log_odds_by(some)[0])
     for m, sign in ((1, -1), (4, -1), (11, 1), (3, -1)):
         assert (found.log_odds[m], found.verdicts[m]) == (pytest.approx(sign * SURE), sign)
     assert found.count == 5  # two labels, and the flags of three others
@@ -130,8 +170,8 @@ def test_labels_are_named_that_the_others_make_improbable():
     some = answers_of(WRONG)
     assert judged(some).contradicting.tolist() == [11]
     assert judged(answers_of([1, -1, -1, 0, 0, 0, 0, 0, 1, 1, 1, 0])).contradicting.tolist() == [0]
-    without = replace(some, labels=np.where(np.arange(12) == 11, 0, some.labels))
-    proba = 1 - posterior(COLUMNS, without, SETTINGS).proba_given(ROWS[[11]], np.array([False]))[0]
+    without = replace(some, labels=np.where(EVERYTHING == 11, 0, some.labels))
+    proba = ERROR + (1 - 2 * ERROR) * expit(-log_odds_by(without)[11])
     for limit, named in ((proba * 1.001, [11]), (proba * 0.999, [])):
         assert judged(some, max_contradicted_proba=limit).contradicting.tolist() == named
     assert judged(some, min_other_answers=6).contradicting.tolist() == [11]  # of seven
@@ -148,6 +188,49 @@ def test_only_the_most_improbable_labels_are_named_and_each_has_four_other_answe
     assert contradicting(some, expected, SETTINGS).tolist() == named
     at_limit = replace(SETTINGS, max_contradicted_proba=0.19)
     assert contradicting(some, expected, at_limit).tolist() == [m for m in named if m == 7]
+
+
+# Whether answers predict each other.
+@pytest.mark.parametrize("max_folds", [16, 4])
+@pytest.mark.parametrize("outcome", [None, ENDED])
+def test_each_answer_is_predicted_by_all_else_or_by_other_folds(outcome, max_folds):
+    some = answers_of(AGREED, [(0, 1), (3, 2), (5, 4), (6, 7), (7, 8)], outcome)
+    rows, evidence, total, n_pairs, _ = evidence_of(some)
+    answered, right = predicted(rows, evidence, total, n_pairs, 0, replace(SETTINGS, max_folds=max_folds))
+    assert answered.tolist() == [0, 2, 4, 7, 9, 11, *range(12, 17)]
+    for place, r in enumerate(answered):
+        others = total.copy()
+        own = answered[place % max_folds :: max_folds]
+        others[own] = total[own] - evidence[own]
+        log_odds = regression(rows, others, n_pairs, SETTINGS)(rows[[r]])[0] + others[r]
+        assert right[place] == pytest.approx(ERROR + (1 - 2 * ERROR) * expit(np.sign(evidence[r]) * log_odds))
+    assert (outcome is None) == (total == evidence).all()
+
+
+def test_the_two_rows_of_a_pair_without_a_difference_are_left_out_together():
+    some = answers_of(AGREED, [(0, 1)], tied=[(3, 5), (6, 8)])
+    rows, evidence, total, n_pairs, _ = evidence_of(some)
+    answered, right = predicted(rows, evidence, total, n_pairs, 2, SETTINGS)
+    for first in (-4, -3):
+        own = answered[[first, first + 2]]
+        others = np.where(np.isin(np.arange(len(total)), own), 0.0, total)
+        log_odds = regression(rows, others, n_pairs, SETTINGS)(rows[own])
+        np.testing.assert_allclose(right[[first, first + 2]], ERROR + (1 - 2 * ERROR) * expit(log_odds))
+
+
+def test_what_the_others_explain_is_a_share_of_the_log_loss_by_hand_with_bounded_probabilities():
+    for evidence, right, n_pairs, shares in (
+        ([1, 1, 1, -1], [0.8, 0.9, 0.7, 0.4], 0, [2.5 / 4, 2.5 / 4, 2.5 / 4, 0.5 / 4]),
+        ([1, 1, -1, 1], [0.999, 0.6, 0.3, 0.001], 1, [1.5 / 3, 1.5 / 3, 0.5 / 3, 0.5]),
+        ([1, 1], [0.3, 0.9], 2, [0.5, 0.5]),
+        ([1], [0.5], 0, [0.5]),
+        ([-1], [0.9], 0, [0.5]),
+        ([1] * 40, [0.9] * 40, 0, [0.98] * 40),
+    ):
+        losses = [-np.log(np.clip(each, 0.02, 0.98)).sum() for each in (right, shares)]
+        assert explained(np.array(evidence, dtype=float), np.array(right), n_pairs) == pytest.approx(
+            1 - losses[0] / losses[1]
+        )
 
 
 # What to ask next.
@@ -219,8 +302,9 @@ COLUMN = np.linspace(-2, 2, 9)[:, None]
 
 
 def by_ties(tied, pairs=()):
-    found = posterior(COLUMN, answers_of(None, pairs, None, tied, 9), SETTINGS)
-    return logit(found.proba(np.column_stack([np.ones(9), COLUMN])))
+    some = answers_of(None, pairs, None, tied, 9)
+    rows, n_pairs = some.rows(COLUMN)
+    return regression(rows, some.evidence(logit(1 - ERROR)), n_pairs, SETTINGS)(rows[:9])
 
 
 @pytest.mark.parametrize("others", [[(7, 1)], [(7, 1), (6, 2)], [(7, 1), (1, 6)]])

@@ -38,10 +38,10 @@ def concluded(labels=None, p_two=0.999, data=None, finding="outliers"):
     """The judgement of `SCORE`, the audit with these labels, and the labels as answers."""
     data = data or same_actions(10)
     scores = scores_of(scoring_of(same_actions(10), lambda group: 0.0, SETTINGS), SCORE, p_two)
-    described = np.column_stack([SCORE, *np.cos(np.outer(np.arange(1, 7), np.arange(10.0)))])  # one for each channel
+    described = np.column_stack([SCORE, *np.cos(np.outer(np.arange(1, 5), np.arange(10.0)))])  # one for each channel
     columns = columns_of(described, described[:, :0], scores.log_odds, SETTINGS.answers)
     claims, states, own = Claims(finding, LOWER), StateScale(np.ones(2), 0.0), np.arange(10)
-    none = np.zeros(10), np.zeros((10, 2)), np.zeros(0), np.zeros(10)
+    none = np.zeros(10), np.zeros(0), np.zeros(10)
     judgement = Judgement(scores, columns, states, claims, own, *none)
     answers = Answers.of_labels(np.array(labels if labels is not None else [0] * 10, dtype=np.int64))
     return judgement, audit_from_judgement(judgement, data, range(10), answers, AuditSettings()), answers
@@ -195,7 +195,7 @@ def test_copies_have_what_was_found_of_the_first_of_them():
     toy, found = judged("random", 0, 10, 6, learner=fit_data_of(make("random", 0, n_good=10, n_bad=6, steps=STEPS)))
     place, lengths = np.append(np.arange(16), [12, 3]), np.diff(toy.offsets)
     every = repeated(found, Copies.of(place), np.append(0, np.cumsum(lengths[place])))
-    for name in ("columns", "reliability", "reliability_interval", "part", "log_odds"):
+    for name in ("columns", "reliability", "part", "log_odds"):
         np.testing.assert_array_equal(getattr(every, name), getattr(found, name)[place], err_msg=name)
     np.testing.assert_array_equal(every.claims.lower, found.claims.lower[place])
     assert every.copy_of.tolist() == place.tolist()

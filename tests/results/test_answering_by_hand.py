@@ -14,6 +14,7 @@ from rpil.data.demonstrator_groups import Demonstrators
 from rpil.inference.answered import Answered
 from rpil.inference.answers import Answers
 from rpil.inference.findings import FINDINGS
+from rpil.inference.witnesses import Witnesses
 from rpil.results.answering import (
     NOT_USED,
     NOTHING_FOLLOWED,
@@ -74,11 +75,11 @@ def test_two_groups_are_told_until_answers_contrast(labels):
 )
 def test_answers_are_counted(labels, pairs, outcome, counts):
     """Outcomes are those of the last demonstrations; they stay when answers come."""
-    known = Answers.of_labels(np.zeros(6, dtype=np.int64))
-    known.outcome[6 - len(outcome) :] = outcome
+    outcomes = np.array([*[np.nan] * (6 - len(outcome)), *outcome])[:, None]
+    known = replace(Answers.none(6), outcomes=outcomes, names=("success",))
     audit = two_groups(answers=known).answered(labels, pairs)
     assert audit.assumptions[-1] == sentence(counts)
-    np.testing.assert_array_equal(audit.answers.outcome, known.outcome)
+    np.testing.assert_array_equal(audit.answers.outcomes, known.outcomes)
     assert audit.answers.pairs.tolist() == [list(pair) for pair in pairs]
     assert audit.answers.labels.tolist() == [int(m in labels) for m in range(6)]
 
@@ -118,8 +119,14 @@ def test_words_of_answers_stand_above_those_that_stay():
     ],
 )
 def test_doubts_of_answers(count, contrast, follows, doubts):
-    none = np.zeros(4, dtype=int)
-    assert doubts_of_answers(Answered(np.zeros(4), none, none[:0], count, follows), contrast) == doubts
+    """And of the outcomes that these do not confirm, or turn."""
+    none, known = np.zeros(4, dtype=int), replace(Answers.none(4), outcomes=np.zeros((4, 4)), names=("a", "-b", *"cd"))
+    alone = "Nothing else that is known confirms the outcome {}, so that it counts for little."
+    turned = "The outcome d contradicts the other answers: less of it counts as better."
+    more = () if count == 1 else (alone.format("-b"), alone.format("c"), turned)
+    said = Witnesses(np.zeros((4, 4)), np.array([0.5, 0.4, 0.49, 0.51]), np.array([1.0, 1.0, -1.0, -1.0]))
+    found = Answered(np.zeros(4), none, none[:0], count, follows, said)
+    assert doubts_of_answers(found, known, contrast) == (*doubts, *more)
 
 
 def asking(ratio=(), **changes):
@@ -188,7 +195,7 @@ def test_labels_are_asked_for_at_fixed_places_of_the_ranking_without_answers():
     assert {*audit.suggest_labels(99)} == {*range(21)}
     labelled = make_audit(("open",) * 21, labels={18: -1, 3: 1}, **made)
     assert labelled.suggest_labels(2) == order[2:4]
-    failed = replace(labelled.answers, outcome=np.where(np.arange(21) == 14, 0.0, np.nan))
+    failed = replace(labelled.answers, outcomes=np.where(np.arange(21) == 14, 0.0, np.nan)[:, None])
     assert replace(labelled, answers=failed).suggest_labels(2) == (13, 9), "of a failure is known enough"
     with pytest.raises(DataError, match="k=0 labels cannot be suggested; ask for one at least"):
         audit.suggest_labels(0)

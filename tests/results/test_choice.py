@@ -104,7 +104,7 @@ def test_the_table_of_the_page_is_what_is_done():
         "labelled good": (("good",), {"labels": {0: 1}}),
         "failed, by an outcome of 0 where all are 0 or 1": (
             ("bad",),
-            {"answers": replace(Answers.none(10), outcome=flags)},
+            {"answers": replace(Answers.none(10), outcomes=flags[:, None])},
         ),
         "bad by inference from answers": (("bad",), {}),
         "outlier": (("outlier",), {}),
@@ -166,7 +166,7 @@ def test_a_share_or_a_probability_is_obeyed_in_full():
 
 
 def with_flags(outcome, **changes):
-    known = replace(Answers.none(4), outcome=np.array(outcome), failure="success = 0")
+    known = replace(Answers.none(4), outcomes=np.array(outcome)[:, None], names=("success",))
     return make_audit(("open",) * 4, answers=known, **changes)
 
 
@@ -191,7 +191,8 @@ def test_an_outcome_of_zero_rejects_and_is_named():
 def test_the_file_of_an_audit_says_the_same_as_the_audit(tmp_path, extension):
     ids = ["a\nb", 'say "x"', "é", "01", "=1", " a", "a ", "\x85", "+5", "\u2028,"]
     path = tmp_path / f"verdicts{extension}"
-    known = Answers(np.zeros(10, dtype=np.int64), np.array([[0, 9]]), np.array([0.0, *[np.nan] * 7, 1.0, np.nan]))
+    flags = np.array([0.0, *[np.nan] * 7, 1.0, np.nan])[:, None]
+    known = Answers(np.zeros(10, dtype=np.int64), np.array([[0, 9]]), flags)
     for labels in ({}, {"é": 1, "01": -1}):
         words = ("good",) * 4 + ("open",) * 3 + ("bad",) * 3
         changes = {"anchor": "answers", "labels": labels, "answers": known if labels else Answers.none(10)}

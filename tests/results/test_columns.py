@@ -32,10 +32,11 @@ def full_audit() -> Audit:
     """An audit in which no field is empty."""
     rng, n = np.random.default_rng(0), 10
     pairs = {"pairs": np.array([[0, 1], [3, 4]]), "tied": np.array([[2, 3]])}
+    ends = np.column_stack([np.where(np.arange(n) % 2, np.nan, 1.0), np.arange(n) / 2])
     return make_audit(
         ids=IDS,
         lengths=[80, *range(31, 40)],
-        answers=Answers(np.array([0, 1, -1] + [0] * 7), outcome=np.where(np.arange(n) % 2, np.nan, 1.0), **pairs),
+        answers=Answers(np.array([0, 1, -1] + [0] * 7), outcomes=ends, **pairs, names=("a", "-b")),
         competing=(IDS[:4], IDS[4:]),
         pair=("d1", "d3"),
         demonstrators=(

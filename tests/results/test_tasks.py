@@ -13,7 +13,7 @@ from rpil.results.judged import ALONE
 from rpil.results.record import Demonstrator, Interval
 from rpil.results.tasks import join_audits, with_labels_alone
 
-IDS = (0, "a", 1, "b", "c")
+IDS, NAN = (0, "a", 1, "b", "c"), np.nan
 PLACES = {"one": [0, 2], "other": [1, 3], "alone": [4]}
 
 
@@ -94,20 +94,28 @@ def test_what_was_said_before_any_answer_and_columns_stay_with_their_tasks():
 
 
 def test_answers_are_about_the_same_demonstrations_as_in_their_tasks():
-    one = Answers(np.array([1, 0]), np.array([[1, 0]]), np.array([np.nan, 2.0]), np.array([[0, 1]]))
-    other = Answers(np.array([0, -1]), np.array([[0, 1]]), np.array([0.5, np.nan]), np.array([[1, 0]]))
-    answers = joined({"answers": one}, {"answers": other}).answers
+    """Of a task all outcomes may be alike, and are then no outcomes of it."""
+    ends = np.array([[np.nan, 7.0], [2.0, 8.0]]), np.array([[0.5], [np.nan]])
+    one = Answers(np.array([1, 0]), np.array([[1, 0]]), ends[0], np.array([[0, 1]]), ("-b", "a"))
+    other = Answers(np.array([0, -1]), np.array([[0, 1]]), ends[1], np.array([[1, 0]]), ("a",))
+    audit = joined({"answers": one}, {"answers": other})
+    answers = audit.answers
     assert answers.labels.tolist() == [1, 0, 0, -1, 0]
     assert [[IDS[m] for m in pair] for pair in answers.pairs.tolist()] == [[1, 0], ["a", "b"]]
     assert [[IDS[m] for m in pair] for pair in answers.tied.tolist()] == [[0, 1], ["b", "a"]]
-    np.testing.assert_array_equal(answers.outcome, [np.nan, 0.5, 2.0, np.nan, np.nan])
+    assert answers.names == ("-b", "a")
+    np.testing.assert_array_equal(answers.outcomes.T, [[NAN, NAN, 2, NAN, NAN], [7, 0.5, 8, NAN, NAN]])
+    given = replace(Answers.none(5), outcomes=np.arange(15.0).reshape(5, 3), names=("c", "a", "-b"))
+    answers = with_labels_alone(audit, [4], given, for_learner=False).answers
+    np.testing.assert_array_equal(answers.outcomes.T, [[NAN] * 4 + [12], [7, 0.5, 8, NAN, 13], [NAN, NAN, 2, NAN, 14]])
+    assert answers.names == given.names
 
 
 def test_of_a_demonstration_that_is_alone_nothing_is_known():
     audit = joined()
     for name in ("log_odds", "from_actions", "from_demonstrator", "from_label", "claimed", "part"):
         assert getattr(audit, name)[4] == 0
-    assert (audit.expert_proba[4], audit.reliability[4], *audit.reliability_interval[4]) == (0.5, 0.5, 0, 1)
+    assert (audit.expert_proba[4], audit.reliability[4]) == (0.5, 0.5)
     for name, nothing in (("step_log_ratio", 0.0), ("step_weight", 1.0)):
         assert getattr(audit, name)[8:].tolist() == [nothing] * 2
     assert (audit.sessions, audit.within) == ((), "tasks")

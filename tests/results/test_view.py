@@ -34,7 +34,6 @@ def test_columns_are_those_of_the_audit_in_the_order_of_the_data():
     assert columns["p"][:6] == [None] * 6  # they have no word
     np.testing.assert_allclose(columns["p"][6:], audit.expert_proba[6:], atol=1e-9)
     assert columns["rank"] == audit.ranks.tolist()
-    np.testing.assert_allclose(np.transpose([columns["low"], columns["high"]]), audit.reliability_interval, atol=1e-9)
     assert columns["worst"] == [audit.worst_steps(m) for m in range(len(audit.ids))]
     assert columns["stretch"] == [stretch_of(audit, m) for m in range(len(audit.ids))]
     assert columns["stretch"][9][0] < 168 / 2 < columns["stretch"][9][1]  # it goes wrong in its middle
@@ -61,7 +60,7 @@ def test_contradicting_labels_are_looked_at_before_outliers_a_group_apart_and_th
 def test_an_answered_question_is_not_asked_again_and_answers_are_kept():
     audit = make_audit(pair=(1, 7), labels={3: 1, 5: -1})
     pairs, tied = np.array([[2, 4]]), np.array([[6, 7]])
-    audit = replace(audit, answers=Answers(audit.answers.labels, pairs, audit.answers.outcome, tied))
+    audit = replace(audit, answers=Answers(audit.answers.labels, pairs, audit.answers.outcomes, tied))
     found = view(audit)
     assert (found["question"], found["pair"]) == ("", [])
     assert found["answers"] == [[3, "good"], [5, "bad"], [2, "better than 4"], [6, "same as 7"]]

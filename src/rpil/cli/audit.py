@@ -80,7 +80,7 @@ def audit(
     with show_stages(bool(options["quiet"])) as progress:
         given = RunOptions.of(options, guess=fail_on is None and outputs["keep"] is None)
         files = (path for title, path in outputs.items() if title != "annotate")
-        check_paths((file, given.labels, given.reference, *given.columns.files.values()), *files)
+        check_paths((file, given.labels, given.reference, *given.columns.files), *files)
         if outputs["annotate"] is not None:
             from rpil.formats.registry import find
 

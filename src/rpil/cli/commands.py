@@ -181,7 +181,7 @@ def audit_data(
     ctx = click.get_current_context()
     command = shlex.join(command_words(ctx, str(ctx.info_name), without=("quiet",)))
     chosen = FitOptions(features, options.adversary, options.seed, ctx.obj or Settings(), progress)
-    files = options.labels, options.reference, *options.columns.files.values()
+    files = options.labels, options.reference, *options.columns.files
     audit = audit_recording(recording, stated, chosen, file, command, files)
     return AuditRun(audit, file, recording, {name: str(who) for name, who in stated.demonstrators.items()})
 

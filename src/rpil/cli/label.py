@@ -37,7 +37,7 @@ def audit_with_answers(file: str, options: dict[str, Value]) -> tuple[AuditRun, 
     file, and what is in it."""
     given = RunOptions.of(options)
     path = given.labels or LABELS_FILE
-    check_paths((file, *given.columns.files.values()), path)
+    check_paths((file, *given.columns.files), path)
     from rpil import formats
 
     formats.check_labels_file(path)

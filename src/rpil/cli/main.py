@@ -48,7 +48,7 @@ for command in (audit, check, info, label, review, keep, convert):
 def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     """Learn a policy from the demonstrations that can be trusted."""
     run = RunOptions.of(options)
-    check_paths((file, run.labels, *run.columns.files.values()), output)
+    check_paths((file, run.labels, *run.columns.files), output)
     with show_stages(run.quiet) as progress:
         recording, _ = commands.read_data(file, run, progress)
         progress(LOADING)

@@ -110,8 +110,9 @@ format_option = click.option(
 outcome_option = click.option(
     "--outcome",
     metavar="[-]COLUMN|FILE",
+    multiple=True,
     help="How each demonstration ended: a success, where 0 is bad; a return, rewards; or length, its steps; - where "
-    "more is worse; or a CSV file (id,value), or JSON.",
+    "more is worse; or a CSV file (id,value), or JSON. Several are witnesses, whose worth is learned.",
 )
 session_option = click.option(
     "--session", metavar="COLUMN|file", help="Judge within sessions: a column, or the file of each demonstration."

@@ -117,7 +117,7 @@ def _finish(
     beside = {title: f"{Path(session.path).with_suffix('')}-{name}" for title, name in BESIDE.items()}
     for path in filter(os.path.islink, beside.values()):
         raise DataError(f"{path}: it is a link, and no review writes where a link leads; remove it.")
-    check_paths((run.source, session.path, *run.recording.options.files.values()), *beside.values())
+    check_paths((run.source, session.path, *run.recording.options.files), *beside.values())
     others = [path for path in beside.values() if os.path.exists(path) and digest(path) != written.get(path)]
     if others and others != given.get("replace"):
         return {"lines": [f"Replace {listed(others)}? This run did not write them."], "exists": others}

@@ -36,15 +36,10 @@ class Facts:
     """What states it, as "episode_index" or "timestamp"."""
     sessions: tuple[str, ...] = ()
     """Of each demonstration; empty where none are known."""
-    outcome: Float[Array, " M"] | None = None
-    """How each demonstration ended, more is better; NaN where it is not known."""
-    outcome_name: str = ""
-    """Its column, as the user named it."""
-
-    @property
-    def failure(self) -> str:
-        """How a demonstration fails where the outcome is a flag: its column, and the value there."""
-        return f"{self.outcome_name.removeprefix('-')} = {int(self.outcome_name.startswith('-'))}"
+    outcomes: tuple[Float[Array, " M"], ...] = ()
+    """How each demonstration ended, by one column or several, more is better; NaN where it is not known."""
+    outcome_names: tuple[str, ...] = ()
+    """The columns, as the user named them."""
 
     def select(self, indices: Indices) -> Facts:
         """The facts about the demonstrations at `indices` (integers, a slice or a mask over the M), in that order."""
@@ -52,8 +47,8 @@ class Facts:
             None if self.order is None else np.atleast_1d(self.order[indices]),
             self.order_source,
             tuple(np.atleast_1d(np.array(self.sessions, dtype=object)[indices])) if self.sessions else (),
-            None if self.outcome is None else np.atleast_1d(self.outcome[indices]),
-            self.outcome_name,
+            tuple(np.atleast_1d(outcome[indices]) for outcome in self.outcomes),
+            self.outcome_names,
         )
 
 
@@ -87,19 +82,17 @@ def check_outcome(outcome: Float[Array, " M"], name: str, source: str) -> Float[
     return outcome
 
 
-def tells(outcome: Float[Array, " M"] | None) -> bool:
+def tells(outcome: Float[Array, " M"]) -> bool:
     """Whether the `outcome` differs between demonstrations of which it is known."""
-    return outcome is not None and len(np.unique(outcome[~np.isnan(outcome)])) > 1
+    return len(np.unique(outcome[~np.isnan(outcome)])) > 1
 
 
 def given_outcome(
-    given: Outcome | str | None, ids: Sequence[Hashable], source: str, every: Sequence[Hashable] = ()
-) -> Float[Array, " M"] | None:
+    given: Outcome | str, ids: Sequence[Hashable], source: str, every: Sequence[Hashable] = ()
+) -> Float[Array, " M"]:
     """The outcome that a user gives, by id, for each of M demonstrations, or in a file (id,value), which may speak of
     others of `every` one; those left out are unknown. A `DataError` as `check_outcome`, and where an id is unknown or
     twice in the file, a value no number, or their count another one."""
-    if given is None:
-        return None
     if isinstance(given, str):
         source, pairs = Path(given).name, [row[:2] for row in read_id_pairs(given, "value", "1", every or ids)]
         words = {"true": 1.0, "false": 0.0, "": np.nan}

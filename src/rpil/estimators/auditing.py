@@ -9,18 +9,18 @@ import os
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Unpack
+from typing import Unpack, cast
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.files import StrPath
 from rpil.data.recorded_facts import Outcome
 from rpil.estimators.pipeline import FitOptions
 from rpil.estimators.settings import Settings
-from rpil.estimators.task import Labels
+from rpil.estimators.task import Labels, are_names
 from rpil.estimators.within_tasks import Statements, fit_within_tasks
 from rpil.formats import ReadOptions, opened
 from rpil.formats.arrow import Frame
-from rpil.formats.columns import ColumnOptions, check_options
+from rpil.formats.columns import ColumnOptions, Names, check_options
 from rpil.formats.recording import Recording
 from rpil.results.provenance import Provenance, changed_settings
 from rpil.results.record import Audit
@@ -32,7 +32,7 @@ JUDGE_FEATURES = "folded"
 def audit(
     data: StrPath | Frame | Demonstrations | Recording | Iterable[object],
     labels: Labels | StrPath | None = None,
-    outcome: str | Outcome | None = None,
+    outcome: Names | Outcome | None = None,
     *,
     random_state: int = 0,
     settings: Settings | None = None,
@@ -48,9 +48,9 @@ def audit(
         are guessed, and a warning names them.
     labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, sequence of such pairs, or path, optional
         Answers about demonstrations; of a CSV file (id,label) or JSON where it is a path.
-    outcome : str, mapping of id to number, or sequence of M numbers, optional
+    outcome : str or several, mapping of id to number, or sequence of M numbers, optional
         How each ended: a column, "length", a CSV file (id,value) or JSON, or numbers, of which more is better (a minus
-        before a name: worse). Where all are 0 or 1, those with 0 are bad.
+        before a name: worse). Where all are 0 or 1, those with 0 are bad. Of several the worth is learned.
     random_state : int
         Seed; the same seed gives the same bits.
     settings : Settings, optional
@@ -75,19 +75,19 @@ def audit(
     >>> audit.to_frame(), audit.question                                          # doctest: +SKIP
     """
     check_options(columns)
-    options = replace(ColumnOptions(**columns), outcome=outcome if isinstance(outcome, str) else None)
+    named = cast(Names, outcome) if outcome is not None and are_names(outcome) else ()
+    options = replace(ColumnOptions(**columns), outcome=named)
     recording = opened(data, replace(options, guess=isinstance(data, str | os.PathLike | Frame)))
     if recording.columns.guessed:
         warnings.warn(recording.columns.guess, stacklevel=2)
-    files = options.files
-    ends = files.get("outcome") if isinstance(outcome, str) else outcome
-    stated = Statements.of(recording, labels, files.get("operator"), ends)
+    operator = options.operator if options.operator in options.files else None
+    stated = Statements.of(recording, labels, operator, None if options.outcomes else outcome)
     path = data if isinstance(data, str | os.PathLike) else None
     given = {"labels": labels, "outcome": outcome, "random_state": random_state or None, **columns}
     given |= recording.columns.guessed
     texts = (f", {name}={value!r:.300}" for name, value in given.items() if value is not None)
     call = f"rpil.audit({type(data).__name__ if path is None else repr(os.fspath(path))}{''.join(texts)})"
-    beside = labels if isinstance(labels, str | os.PathLike) else None, *files.values()
+    beside = labels if isinstance(labels, str | os.PathLike) else None, *options.files
     chosen = FitOptions(JUDGE_FEATURES, "auto", random_state, settings or Settings(), progress or (lambda _: None))
     return audit_recording(recording, stated, chosen, path, call, beside)
 

@@ -89,7 +89,7 @@ class FitOptions:
             self.cross_fitted(task.space, int(task.source.offsets[-1]))  # refuses an unsuitable estimator
         if not self.judges and (task.demonstrators.informative or self.policy is not None):
             raise DataError("A named adversary knows no demonstrators and no policy of the user; leave out one.")
-        if not self.judges and (len(task.answers.compared) or np.isfinite(task.answers.outcome).any()):
+        if not self.judges and (len(task.answers.compared) or task.answers.has_outcome.any()):
             raise DataError("A named adversary learns from labels alone; leave out pairs and the outcome.")
 
     def n_sampled_steps(self, task: Task) -> int:

@@ -23,6 +23,7 @@ from rpil.estimators.settings import Settings
 from rpil.estimators.task import ActionBox, Labels, Task, answers_of
 from rpil.estimators.validation import Given, as_demonstrations, see
 from rpil.estimators.within_tasks import Statements, fit_task, fit_within_tasks, groups_of
+from rpil.formats.columns import Names
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.inference.fitted_judge import FittedJudge
@@ -154,7 +155,7 @@ class RPIL(PolicyEstimator):
         groups: ArrayLike | None = None,
         labels: Labels | StrPath | None = None,
         demonstrators: DemonstratorNames | str | None = None,
-        outcome: Outcome | str | None = None,
+        outcome: Outcome | Names | None = None,
     ) -> RPIL:
         """Decide which demonstrations to trust, and fit the final policy (`rpil.estimators.pipeline`).
 
@@ -175,7 +176,7 @@ class RPIL(PolicyEstimator):
             The demonstrator of each demonstration. Demonstrations of one demonstrator then change each other's
             log-odds, see `rpil.mixture.demonstrator_prior`. A demonstration without a name has a demonstrator of its
             own.
-        outcome : mapping of id to number, or sequence of M numbers, or path, optional
+        outcome : mapping of id to number, or sequence of M numbers, or path or several, optional
             How each ended, as its return; more is better, NaN is not known, and of 0 and 1 those with 0 are bad.
 
         Raises

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.id_values import check_ids, label_codes, match_pairs, parse_labels, read_answers
 from rpil.data.recorded_facts import Outcome, given_outcome, tells
 from rpil.data.spaces import Space
+from rpil.formats.columns import Names, as_list
 from rpil.formats.dataset import Dataset
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float
@@ -40,7 +41,7 @@ Labels = Mapping[Any, str] | Sequence[tuple[Hashable, str]]
 
 def answers_of(
     labels: Labels | StrPath | None,
-    outcome: Outcome | str | None,
+    outcome: Outcome | Names | None,
     demonstrations: Demonstrations | Dataset,
     ids: Sequence[Hashable] = (),
 ) -> Answers:
@@ -55,9 +56,23 @@ def answers_of(
     chosen = {*map(str, read)}
     better, tied = match_pairs(((pair, word) for pair, word in pairs.items() if chosen >= {*pair}), read)
     signs = label_codes({name: label for name, label in by_id.items() if name in chosen}, read)
-    results = given_outcome(outcome, read, demonstrations.source, every)
-    words = f"{Path(outcome).stem} = 0" if isinstance(outcome, str) else Answers.failure
-    return Answers(signs, better, np.full(len(read), np.nan) if results is None else results, tied, words)
+    given = {} if outcome is None else by_name(outcome)
+    outcomes = [given_outcome(one, read, demonstrations.source, every) for one in given.values()]
+    return Answers(signs, better, np.column_stack([np.empty((len(read), 0)), *outcomes]), tied, tuple(given))
+
+
+def by_name(outcome: Outcome | Names) -> dict[str, Outcome | str]:
+    """Outcomes by their names: numbers, or files of them."""
+    if are_names(outcome):
+        paths = as_list(cast(Names, outcome))
+        stems = [Path(path).stem for path in paths]
+        return {stem if stems.count(stem) == 1 else path: path for stem, path in zip(stems, paths, strict=True)}
+    return {"outcome": cast(Outcome, outcome)}
+
+
+def are_names(outcome: Outcome | Names) -> bool:
+    """Whether outcomes are columns or files, and no numbers."""
+    return isinstance(outcome, str) or (isinstance(outcome, list | tuple) and {*map(type, outcome)} == {str})
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +104,11 @@ class Task:
         groups = group_by_demonstrator(demonstrators, source)
         nothing = Answers.none(len(source.ids))
         answers = answers or nothing
-        if not (tells(answers.outcome) or (answers.is_flag and 0 in answers.outcome)):  # as within one session
-            answers = replace(answers, outcome=nothing.outcome)
+        flag = answers.only_flag
+        telling = [k for k, one in enumerate(answers.outcomes.T) if tells(one) or (k == flag and 0 in one)]
+        names = tuple(name for k, name in enumerate(answers.names) if k in telling)
+        left = telling.index(flag) if flag in telling else -1  # as within one session
+        answers = replace(answers, outcomes=answers.outcomes[:, telling], names=names, flag=left)
         return cls(source, space, classes, answers, groups)
 
     @cached_property

@@ -20,6 +20,7 @@ from rpil.data.recorded_facts import Outcome, check_outcome, check_sessions
 from rpil.estimators.pipeline import FitOptions, FitResult, FullFit
 from rpil.estimators.task import Labels, Task, answers_of
 from rpil.formats import read_demonstrators
+from rpil.formats.columns import Names
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.inference.answers import Answers
@@ -57,7 +58,7 @@ class Statements:
         recording: Recording,
         labels: Labels | StrPath | None,
         demonstrators: DemonstratorNames | str | None,
-        outcome: Outcome | str | None = None,
+        outcome: Outcome | Names | None = None,
         reference: Recording | None = None,
     ) -> Statements:
         """What a user says, and else what the columns or files say that were named when the recording was opened.
@@ -66,12 +67,15 @@ class Statements:
         """
         read, source, facts = recording.demonstrations, recording.description.source, recording.facts
         ids = recording.ids or read.ids
-        outcome = recording.options.files.get("outcome") if outcome is None else outcome
-        answers = answers_of(labels, outcome, read, ids)
-        if outcome is None and facts.outcome is not None:  # of a column, which the message names
-            beside = [] if reference is None or reference.facts.outcome is None else [reference.facts.outcome]
-            check_outcome(np.concatenate([facts.outcome, *beside]), f"the outcome {facts.outcome_name!r}", source)
-            answers = replace(answers, outcome=facts.outcome, failure=facts.failure)
+        with_reference = () if reference is None else (reference.facts.outcomes,)
+        files = [one for one in recording.options.files if one != recording.options.operator]
+        answers = answers_of(labels, (files or None) if outcome is None else outcome, read, ids)
+        if outcome is None:  # columns, which the message names
+            for name, values, *beside in zip(facts.outcome_names, facts.outcomes, *with_reference, strict=True):
+                check_outcome(np.concatenate([values, *beside]), f"the outcome {name!r}", source)
+            outcomes = np.column_stack([answers.outcomes, *facts.outcomes])
+            of_files = (f"{name}.csv" if name in facts.outcome_names else name for name in answers.names)
+            answers = replace(answers, outcomes=outcomes, names=(*of_files, *facts.outcome_names))
         demonstrators = recording.options.operator if demonstrators is None else demonstrators
         named_by = source
         if isinstance(demonstrators, str):
@@ -89,13 +93,15 @@ class Statements:
         answers = self.answers.select(rows)
         return replace(self, answers=answers, demonstrators=names, order=order, taken_over=taken_over)
 
-    def with_good(self, outcome: Array | None, n: int) -> Statements:
+    def with_good(self, outcomes: Sequence[Array], n: int) -> Statements:
         """The same after `n` demonstrations of the reference were appended, which are labelled as good."""
         answers = self.answers
+        more = np.full((n, answers.outcomes.shape[1]), np.nan)
+        more[:, more.shape[1] - len(outcomes) :] = np.column_stack([np.empty((n, 0)), *outcomes])  # files come first
         both = replace(
             answers,
             labels=np.append(answers.labels, np.ones(n, dtype=int)),
-            outcome=np.append(answers.outcome, np.full(n, np.nan) if outcome is None else outcome),
+            outcomes=np.concatenate([answers.outcomes, more]),
         )
         return replace(self, answers=both, order=None, reference=None, taken_over=())  # of two files none states these
 
@@ -175,7 +181,7 @@ def _fit_group(
     if stated.reference is not None:
         first = demonstrations.select(slice(None))  # in memory
         demonstrations = with_reference(first, stated.reference.demonstrations.select(slice(None)))
-        stated = stated.with_good(stated.reference.facts.outcome, len(demonstrations) - n)
+        stated = stated.with_good(stated.reference.facts.outcomes, len(demonstrations) - n)
     task = Task.of(demonstrations, options.action_box, stated.answers, stated.demonstrators or None)
     if stated.taken_over:
         task = replace(task, taken_over=np.concatenate(stated.taken_over))

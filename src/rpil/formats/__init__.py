@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TypedDict, Unpack, cast
 
@@ -69,7 +70,7 @@ class ReadOptions(TypedDict, total=False):
 class OpenOptions(ReadOptions, total=False):
     """All of `ColumnOptions`."""
 
-    outcome: str | None
+    outcome: Names
 
 
 def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions]) -> Demonstrations:
@@ -158,8 +159,8 @@ def opened(data: object, options: ColumnOptions) -> Recording:
     """The recording in any data; a `DataError` where they have no columns to choose."""
     if isinstance(data, str | os.PathLike | Frame):
         return read_recording(data, options, on_disk=None)
-    files = options.files
-    if options != ColumnOptions(operator=files.get("operator"), outcome=files.get("outcome")):
+    operator = options.operator if options.operator in options.files else None
+    if options.outcomes or replace(options, operator=operator, outcome=()) != ColumnOptions(operator=operator):
         raise DataError(f"{type(data).__name__} has no columns to choose: name them where it is read.")
     if isinstance(data, Recording):
         return data

@@ -266,7 +266,8 @@ class Arrays:
             shape = (len(ids), *self.arrays[name].shape[n_left:])
             return read_once(shape, self.arrays[name].dtype, lambda: np.asarray(rows(self.values(name))))
 
-        named = {options.operator, options.session, options.task, (options.outcome or "").removeprefix("-")}
+        outcomes = (name.removeprefix("-") for name in options.outcomes)
+        named = {options.operator, options.session, options.task, *outcomes}
         each = [m for m, one in self.arrays.items() if len(one.shape) == 1 and m not in _ASIDE]
         if is_step is None:
             ids = cut.ids

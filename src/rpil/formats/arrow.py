@@ -43,7 +43,7 @@ def from_arrow(
     head = table.select([name for name, kind in kinds.items() if kind in ("number", "text")]).slice(0, GUESSED_ROWS)
     kinds |= flat.kinds_of(head.slice(0, flat.HEAD_ROWS))
     columns = find_columns(table.column_names, kinds, source, options, default_id, head)
-    chosen = table.select([*columns.all, *columns.outcomes])
+    chosen = table.select([*columns.all, *columns.may_be_outcomes])
     return StepTables([chosen], columns, Origin(source, format_name))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
@@ -97,8 +97,8 @@ class _Search:
         asked = self.matching(options.observations, "observations")
         actions = self.matching(options.action, "action")
         roles = "order", "operator", "task"
-        files, named = options.files, ((role, getattr(options, role)) for role in roles)
-        order, operator, task = (self.one(None if role in files else name, role) for role, name in named)
+        named = ((role, getattr(options, role)) for role in roles)
+        order, operator, task = (self.one(None if name in options.files else name, role) for role, name in named)
         given: set[str | None] = {*asked, *actions, order, operator, task}
         episode, other_ids = self.episode(given, default_id)
         self.refuse_two_roles(episode, actions, asked)
@@ -113,7 +113,7 @@ class _Search:
         task = task or next(iter(self.named_as("task")), None)
         index = tuple(name for name in self.free if self.plain[name] in ("index", "frame_index"))
         self.take(*(name for name in (*orders, operator, task) if name and name not in asked))
-        session, outcome = self.session(), self.outcome({*asked, *actions, episode})
+        session, outcomes = self.session(), tuple(self.outcomes({*asked, *actions, episode}))
         observations = asked or self.observations()
         for name in self.free.keys() - {*observations}:
             self.ignored.setdefault(name, "not among the observations that were named")
@@ -121,7 +121,7 @@ class _Search:
         parts = self.parts(name for name in (*other_ids, operator, task) if name)
         found = Columns(
             *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, parts, operator, task),
-            *(ignored, options.action_kind, order is not None, self.times(ignored), session, outcome),
+            *(ignored, options.action_kind, order is not None, self.times(ignored), session, outcomes),
             chosen_parts=self.chosen_parts,
             excluded_parts=self.excluded_parts,
             source=self.source,
@@ -133,7 +133,9 @@ class _Search:
             intervention=next(iter(self.named_as("intervention", {*observations})), None),
         )
         read, others = {*found.all}, [name for name in self.names if self.kinds[name] in ("number", "list")]
-        return replace(found, outcomes=tuple(name for name in others if name not in read and may_be_outcome(name)))
+        return replace(
+            found, may_be_outcomes=tuple(name for name in others if name not in read and may_be_outcome(name))
+        )
 
     def parts(self, others: Iterable[str]) -> tuple[str, ...]:
         """What may divide a demonstration: nothing if its id is named, laps if it is guessed, else `others`."""
@@ -242,19 +244,20 @@ class _Search:
         self.ignored |= {session: "session"} if session in self.free else {}
         return session
 
-    def outcome(self, data: Collection[str]) -> str | None:
-        """The outcome, which is no observation; a `DataError` where the user names it among the `data` as well."""
-        wanted = None if "outcome" in self.options.files else self.options.outcome
-        name = (wanted or "").removeprefix("-")
-        if wanted is None or name == LENGTH:
-            return wanted
-        column = self.one(name, "outcome")
-        if column is None or column in data:
-            role = "the id, an observation or part of the action"
-            raise DataError(f"{self.source}: column {name!r} is {role} and cannot be the outcome too; name another.")
-        self.take(column)
-        self.ignored[column] = "outcome"
-        return wanted.removesuffix(name) + column
+    def outcomes(self, data: Collection[str]) -> Iterator[str]:
+        """The outcomes, which are no observations; a `DataError` where the user names one among the `data` as well."""
+        for wanted in self.options.outcomes:
+            name = wanted.removeprefix("-")
+            column = LENGTH if name == LENGTH else self.one(name, "outcome")
+            if column is None or column in data:
+                role = "the id, an observation or part of the action"
+                raise DataError(
+                    f"{self.source}: column {name!r} is {role} and cannot be the outcome too; name another."
+                )
+            if column != LENGTH:
+                self.take(column)
+                self.ignored[column] = "outcome"
+            yield wanted.removesuffix(name) + column
 
     def one(self, wanted: str | None, option: str) -> str | None:
         """The one column that the user names for a role, if any."""

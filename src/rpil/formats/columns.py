@@ -45,7 +45,7 @@ class ColumnOptions:
         One column each: of who gave the demonstration (or a file), and of what was to be done.
     session : str
         The column of the session, or "file" for the file of each demonstration.
-    outcome : str
+    outcome : str, or several
         The column, or file, that says how each ended, or "length", with a minus before it where more is worse.
     skip_bad : bool or "damage"
         Whether demonstrations with missing values are set aside, and damaged lines and files skipped; or these alone.
@@ -65,7 +65,7 @@ class ColumnOptions:
     operator: str | None = None
     task: str | None = None
     session: str | None = None
-    outcome: str | None = None
+    outcome: Names = ()
     split_gap: float | None = None
     segment: float | None = None
     guess: bool = False
@@ -78,10 +78,15 @@ class ColumnOptions:
     on_disk: bool = False
 
     @property
-    def files(self) -> dict[str, str]:
-        """The operator and the outcome that are files, and no columns."""
-        given = {"operator": self.operator, "outcome": self.outcome}
-        return {name: path for name, path in given.items() if path and is_id_file(path)}
+    def files(self) -> list[str]:
+        """The operator and the outcomes that are files, and no columns."""
+        outcomes = as_list(self.outcome) if self.outcome else ()
+        return [path for path in (self.operator, *outcomes) if path and is_id_file(path)]
+
+    @property
+    def outcomes(self) -> tuple[str, ...]:
+        """The outcomes that are columns, with a minus where more is worse."""
+        return tuple(name for name in as_list(self.outcome) if not is_id_file(name)) if self.outcome else ()
 
     def __post_init__(self) -> None:
         if self.memory is not None:
@@ -117,8 +122,8 @@ class Columns:
     order_given: bool = False
     times: tuple[str, ...] = ()  # timestamps that are neither data nor the order
     session: str | None = None  # or FILE_SESSION
-    outcome: str | None = None  # or LENGTH; with a minus where more is worse
-    outcomes: tuple[str, ...] = field(default=(), compare=False)  # columns that the user may name as the outcome
+    outcomes: tuple[str, ...] = ()  # and LENGTH; with a minus where more is worse
+    may_be_outcomes: tuple[str, ...] = field(default=(), compare=False)  # which the user may name as outcomes
     # Of columns of which not all are read:
     chosen_parts: Mapping[str, Names] = field(default_factory=dict, compare=False)
     excluded_parts: Mapping[str, bool] = field(default_factory=dict, compare=False)  # pattern -> also names columns
@@ -152,10 +157,10 @@ class Columns:
 
     @property
     def facts(self) -> list[str]:
-        """The columns of the session and of the outcome."""
-        outcome = (self.outcome or LENGTH).removeprefix("-")
+        """The columns of the session and of the outcomes."""
+        outcomes = (name.removeprefix("-") for name in self.outcomes)
         session = [self.session] if self.session not in (None, FILE_SESSION) else []
-        return list(dict.fromkeys([*session, *([outcome] if outcome != LENGTH else [])]))
+        return list(dict.fromkeys([*session, *(name for name in outcomes if name != LENGTH)]))
 
     @property
     def all(self) -> list[str]:

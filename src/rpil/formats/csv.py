@@ -147,7 +147,7 @@ def _read_table(name: str, file: TextTable, columns: Columns, types: Mapping[str
             return copied((whole(pa.Table.from_batches([batch])) for batch in reader), file.path.name, {})
 
     # On disk without outcomes, because the first block tells their types.
-    names = [one for one in (*columns.all, *(() if file.on_disk else columns.outcomes)) if one in file.names]
+    names = [one for one in (*columns.all, *(() if file.on_disk else columns.may_be_outcomes)) if one in file.names]
     with guarded(file.path.name, *_FAULT):
         found = _parsed(file, rows, include_columns=names, strings_can_be_null=False, column_types=types)
         if file.n_lines not in (0, file.skip_rows + len(found)):  # in which no row can be lost

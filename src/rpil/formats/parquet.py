@@ -46,7 +46,9 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
         raise
     name = f"LeRobot {metadata.version}" if metadata.version else "Parquet"
     origin = Origin(source, name if len(paths) == 1 else f"{name}, {len(paths):,} files", metadata, skipped=skipped)
-    tables: Iterator[pa.Table] = (table for _, table, _ in rows.tables(0, len(rows), [*columns.all, *columns.outcomes]))
+    tables: Iterator[pa.Table] = (
+        table for _, table, _ in rows.tables(0, len(rows), [*columns.all, *columns.may_be_outcomes])
+    )
     if not options.on_disk:
         check_memory(rows.n_bytes, source, options.memory)
     if named := [name for name in columns.made if name in metadata.facts]:
@@ -72,7 +74,7 @@ def _open_rows(
             names, known = set(file.schema_arrow.names), {*columns.all, *columns.ignored}
             if not names.issuperset(columns.all) or any(is_data(other) for other in names - known):
                 raise other_columns(name, first, names, known)
-            read = {*columns.all, *columns.outcomes}
+            read = {*columns.all, *columns.may_be_outcomes}
             n_bytes = sum(check_sizes(file, read, filesystem, path))
             parts.append(rows_of(file, filesystem, path, read, n_bytes))
     if columns is None or not any(map(len, parts)):
@@ -97,7 +99,8 @@ def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions, fac
     if head is not None:
         check_table(head, name)
         kinds |= flat.kinds_of(head.slice(0, flat.HEAD_ROWS))
-    named = {options.operator, options.session, (options.outcome or "").removeprefix("-")} - {*schema.names}
+    outcomes = (name.removeprefix("-") for name in options.outcomes)
+    named = {options.operator, options.session, *outcomes} - {*schema.names}
     made: dict[str, Kind] = {fact: "text" for fact in facts if fact in named}
     return find_columns(schema.names, kinds, name, options, head=head, made=made)
 

@@ -216,7 +216,7 @@ def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Reco
     """The recording in rows that were read once; its demonstrations are in memory if the rows are."""
     offsets = found.places.offsets
     columns = columns.without_observations(found.left_out)
-    columns = replace(columns, outcomes=tuple(_outcomes(rows, columns, offsets)))
+    columns = replace(columns, may_be_outcomes=tuple(_outcomes(rows, columns, offsets)))
     clock = find_clock(read_columns(rows, clock_columns(columns)), columns, offsets)
     description = _describe(columns, found, origin, clock)
     return Recording(description, rows, columns, found, origin, clock, found.places.ids)
@@ -224,12 +224,15 @@ def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Reco
 
 def _outcomes(rows: Rows, columns: Columns, offsets: Array) -> Iterator[str]:
     """The columns that may be an outcome, without those that are read and the same for all demonstrations."""
-    table = read_columns(rows, [name for name in columns.outcomes if name in rows.schema.names])
-    for name in columns.outcomes:
+    table = read_columns(rows, [name for name in columns.may_be_outcomes if name in rows.schema.names])
+    for name in columns.may_be_outcomes:
         values = numbers_or_missing(table[name]) if name in table.column_names else None
-        is_one = values is not None and values.shape[1] == 1
-        if values is None or (is_one and tells(outcome_of_steps(values[:, 0].astype(float), offsets, name))):
+        if values is None:
             yield name
+        elif values.shape[1] == 1:
+            outcome = outcome_of_steps(values[:, 0].astype(float), offsets, name)
+            if outcome is not None and tells(outcome):
+                yield name
 
 
 def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None) -> Description:
@@ -260,7 +263,7 @@ def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None
         ignored={**columns.ignored, **times, **videos, **layout.left_out, **origin.ignored},
         missing=found.statistics.missing,
         ranges=found.statistics.ranges(),
-        outcomes={name: f"--outcome {shlex.quote(name)}" for name in columns.outcomes},
+        outcomes={name: f"--outcome {shlex.quote(name)}" for name in columns.may_be_outcomes},
         notes=(
             *_notes_on(columns.episode, found, metadata.fps, recorded),
             *origin.notes,

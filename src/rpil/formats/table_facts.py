@@ -108,8 +108,8 @@ def find_facts(table: pa.Table, columns: Columns, places: Places, origin: Origin
     elif files:
         order, order_source = start_times({name: table[name] for name in clock_columns(columns)}, places.offsets)
     sessions = () if columns.session is None else _sessions(table, columns.session, places, origin.source, files)
-    outcome = None if columns.outcome is None else _outcome(table, columns, places.offsets, origin.source)
-    return Facts(order, order_source, sessions, outcome, columns.outcome or "")
+    outcomes = tuple(_outcome(table, name, columns, places.offsets, origin.source) for name in columns.outcomes)
+    return Facts(order, order_source, sessions, outcomes, columns.outcomes)
 
 
 def _sessions(table: pa.Table, name: str, places: Places, source: str, files: Sequence[str]) -> tuple[str, ...]:
@@ -129,11 +129,10 @@ def _sessions(table: pa.Table, name: str, places: Places, source: str, files: Se
     return tuple(str(values[code]) for code in low.tolist())
 
 
-def _outcome(table: pa.Table, columns: Columns, offsets: Array, source: str) -> Float[Array, " M"]:
-    """The outcome of each demonstration, with NaN where it is not known."""
-    wanted = str(columns.outcome)
+def _outcome(table: pa.Table, wanted: str, columns: Columns, offsets: Array, source: str) -> Float[Array, " M"]:
+    """The outcome of each demonstration in the `wanted` column, with NaN where it is not known."""
     name = wanted.removeprefix("-")
-    others = quoted([*(other for other in columns.outcomes if other != name), LENGTH])
+    others = quoted([*(other for other in columns.may_be_outcomes if other != name), LENGTH])
     ways = f"name another column with <option> ({others} may do)"
     found: Array | None = np.diff(offsets).astype(float)
     if name != LENGTH:

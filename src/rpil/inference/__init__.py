@@ -11,7 +11,6 @@
     answers          what labels, pairs and outcomes say: a Bayesian logistic regression
     answered         P(good), verdicts and contradicting labels by answers, and what to ask next
     findings         the answer of an audit as a whole, each in a sentence
-    step_trust       which steps of a demonstration are an expert's
     trust            the judge: all of the above in order
     fitted_judge     judges demonstrations that were not fitted
     settings         every constant of the judge

@@ -1,16 +1,29 @@
-"""What answers make of demonstrations: P(good), verdicts, which answer contradicts the others, and what to ask next."""
+"""What answers make of demonstrations: P(good), verdicts, which answer contradicts the others, and what to ask next.
+
+P(good) is that of a logistic regression on the columns of `rpil.inference.channels`, and of witnesses
+(`rpil.inference.witnesses`). w_0 says that those that agree are good: it is `by_ranking` on the first column, the
+ranking, and `by_group` on the last one, the group of scores. "i is better than j" is a row x_i - x_j, and "no
+difference" such a row both ways (Davidson 1970).
+
+Answers give verdicts only where they predict each other: each is predicted by the others, which explain at least
+`min_explained` of the log-loss that the share of good ones leaves (McFadden 1974). Where no answers contrast, a witness
+must be confirmed. docs/model.md has the formulas.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logit
+from scipy.special import expit, logit
 
-from rpil.inference.answers import Answers, explained, posterior, predicted
+from rpil.inference.answers import Answers
 from rpil.inference.settings import AnswerSettings
+from rpil.inference.witnesses import Witnesses, is_contrast, regression, weigh
 from rpil.numerics.types import Array, Bool, Float, Int
 
+BOUND = 0.02
+"""Probabilities of answers stay so far from 0 and 1 where their losses are compared: one surprise is not all."""
 GOLDEN = 0.618
 """Places of further questions are spread by multiples of it."""
 
@@ -29,6 +42,8 @@ class Answered:
     """The number of answers about different demonstrations."""
     follows: bool
     """Whether the answers predict each other."""
+    witnesses: Witnesses
+    """Of the different demonstrations."""
 
 
 def answer(
@@ -41,32 +56,72 @@ def answer(
     is known of any of them.
     """
     _, first, place = np.unique(copy_of, return_index=True, return_inverse=True)
-    columns, once = columns[first], answers.once(copy_of)
-    outcome = np.where(once.labels == 0, once.ranks(), np.nan)
-    proba = posterior(columns, once, settings).proba(np.column_stack([np.ones(len(columns)), columns]), outcome)
-    log_odds = logit(np.clip(proba, settings.min_proba_bound, 1 - settings.min_proba_bound))
-    targets, by_others, share = predicted(columns, once, settings)
-    follows = once.contrast and explained(targets, by_others, share) >= settings.min_explained
+    once = answers.once(copy_of)
+    rows, n_pairs = once.rows(columns[first])
+    evidence, total = once.evidence(logit(1 - settings.error)), once.evidence(logit(1 - settings.error))
+    witnesses = weigh(rows, evidence, n_pairs, once.outcomes, settings)
+    by_witnesses = witnesses.evidence.sum(axis=1)
+    total[: len(first)] += by_witnesses
+    log_odds = regression(rows, total, n_pairs, settings)(rows[: len(first)]) + by_witnesses
+    log_odds = np.clip(log_odds, *logit([settings.min_proba_bound, 1 - settings.min_proba_bound]))
+    answered, right = predicted(rows, evidence, total, n_pairs, len(once.tied), settings)
+    follows = once.contrast and (
+        explained(evidence[answered], right, n_pairs) >= settings.min_explained
+        if is_contrast(evidence, n_pairs)
+        else bool((witnesses.confirmed > 0.5).any())
+    )
     limit = logit(settings.min_proba) if follows else np.inf
     verdicts = (log_odds >= limit).astype(int) - (log_odds <= -limit)
     said = answers.shared(copy_of).said
     log_odds = np.where(said == 0, log_odds[place], said * logit(1 - settings.min_proba_bound))
     verdicts = np.where(said == 0, verdicts[place], said)
-    doubtful = contradicting(once, np.abs(1 - targets - by_others), settings)
+    doubtful = contradicting(once, right, settings)
     named = np.flatnonzero(np.isin(place, doubtful) & (answers.labels != 0))
-    return Answered(log_odds, verdicts, named, once.count, bool(follows))
+    return Answered(log_odds, verdicts, named, once.count, bool(follows), witnesses)
 
 
-def contradicting(answers: Answers, expected: Float[Array, " R"], settings: AnswerSettings) -> Int[Array, " K"]:
-    """The demonstrations whose labels the other answers make improbable; labels are the first of the R answers, and
-    the others expect each with the probability `expected`.
+def predicted(
+    rows: Float[Array, "R D"],
+    evidence: Float[Array, " R"],
+    total: Float[Array, " R"],
+    n_pairs: int,
+    n_tied: int,
+    settings: AnswerSettings,
+) -> tuple[Int[Array, " A"], Float[Array, " A"]]:
+    """The rows of labels and pairs, of which the last are ties the other way, and the probability of each by all else;
+    of many, by those of other folds."""
+    answered = np.flatnonzero(evidence)
+    fold, right = np.arange(len(answered)) % settings.max_folds, np.empty(len(answered))
+    fold[len(fold) - n_tied :] = fold[len(fold) - 2 * n_tied :][:n_tied]
+    for k in range(min(len(answered), settings.max_folds)):
+        own = answered[fold == k]
+        others = total.copy()
+        others[own] -= evidence[own]
+        log_odds = regression(rows, others, n_pairs, settings)(rows[own]) + others[own]
+        right[fold == k] = settings.error + (1 - 2 * settings.error) * expit(np.sign(evidence[own]) * log_odds)
+    return answered, right
+
+
+def explained(evidence: Float[Array, " A"], right: Float[Array, " A"], n_pairs: int) -> float:
+    """The share of the log-loss of answers that the others explain (McFadden 1974), beyond the share of good ones among
+    other labels; of pairs one in two is better."""
+    yes = evidence[: len(evidence) - n_pairs] > 0
+    others = (yes.sum() - yes + 0.5) / max(len(yes), 1)
+    shares = np.append(np.where(yes, others, 1 - others), np.full(n_pairs, 0.5))
+    losses = [-np.log(np.clip(each, BOUND, 1 - BOUND)).sum() for each in (right, shares)]
+    return float(1 - losses[0] / losses[1])
+
+
+def contradicting(answers: Answers, right: Float[Array, " A"], settings: AnswerSettings) -> Int[Array, " K"]:
+    """The demonstrations whose labels the other answers make improbable; labels are the first of the answers, and each
+    is `right` with a probability by the others.
 
     Without a contrast none does. A wrong label makes right ones improbable, too: only the most improbable are named, as
     many as leave each `min_other_answers` answers that it contradicts.
     """
     labelled = np.flatnonzero(answers.labels)
     most = answers.count // (settings.min_other_answers + 1) if answers.contrast else 0
-    expected = expected[: len(labelled)]
+    expected = right[: len(labelled)]
     least = np.argsort(expected, kind="stable")[:most]
     return np.sort(labelled[least[expected[least] < settings.max_contradicted_proba]])
 

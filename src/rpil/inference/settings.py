@@ -122,8 +122,8 @@ class ChannelSettings:
     min_proba="(0.5, 1)",
     error="(0, 0.5)",
     max_contradicted_proba="(0, 1)",
-    luck="[0, 0.95]",
-    weak_precision="(0, inf)",
+    prior_log_odds="[0, inf)",
+    max_levels="[2, inf)",
     asked_places="[0, 1]",
     max_folds="[2, inf)",
 )
@@ -135,15 +135,16 @@ class AnswerSettings:
     """Prior means of the weights of the ranking and of the group of scores; those of all other columns are 0."""
     precision: float = 1.0
     """Prior precision of the weight of a column."""
-    weak_precision: float = 16.0
-    """The same where all that is known are outcomes of 0 and 1."""
     offset_precision: float = 0.25
     """Of the offset."""
     error: float = 0.02
     """Rate of wrong answers."""
-    luck: tuple[float, ...] = (0.0, 0.5, 0.9)
-    """Shares of bad demonstrations whose outcome is 1 where outcomes are 0 and 1, equally likely beforehand; at least
-    the rate of wrong answers."""
+    prior_log_odds: float = 2.0
+    """Nats by which the highest value of a witness speaks more for good than the lowest one, beforehand."""
+    prior_counts: float = 4.0
+    """Demonstrations that this is worth."""
+    max_levels: int = 3
+    """Different values of a witness; of more, as many quantiles."""
     max_group_log_odds: float = 3.0
     """Nats by which the log-odds of the upper group are bounded as a column."""
     group_scale: float = 2.0
@@ -166,9 +167,6 @@ class AnswerSettings:
 
 @settings_record(
     variance_steps="[0, inf)",
-    stay="[0, 1)",
-    p_stretches="(0, 1)",
-    reliability_nodes="[2, inf)",
     min_gain="[0, inf)",
     monotony="[0, inf)",
 )
@@ -192,11 +190,3 @@ class JudgeSettings:
     monotony: float = 1 / 3
     """Share of the nats by which own actions are easier to predict without the state than similar ones, that a score
     lacks. With 1 or 1/2 experts are last among many who act at random (docs/tried.md)."""
-    reliability_nodes: int = 21
-    """Values of the reliability on the grid over which it is summed."""
-    stay: float = 0.95
-    """Probability that the next step of a stretch is the same one's: stretches have 20 steps or more on average."""
-    p_stretches: float = 0.5
-    """Prior probability that the bad steps of a demonstration come in stretches."""
-    max_log_ratio: float = 50.0
-    """Nats by which the log-ratio of a step is bounded where the reliability is estimated: exp(50) is certain."""

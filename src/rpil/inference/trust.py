@@ -17,7 +17,6 @@ from rpil.inference.held_out import HeldOutModel, indicators
 from rpil.inference.outliers import Claims, claim, telling_pair
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.step_trust import reliability_of
 from rpil.inference.trimming import fit_group, fit_trimmed
 from rpil.inference.two_parts import two_parts
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -35,8 +34,7 @@ class Judgement:
     copy_of: Int[Array, " M"]
     """The first of the copies of each demonstration, which may be itself."""
     reliability: Float[Array, " M"]
-    reliability_interval: Float[Array, "M 2"]
-    """Share of the steps that are an expert's: posterior mean and 95 % interval (`rpil.inference.step_trust`)."""
+    """Share of the steps whose actions the policy explains better than the frequencies of actions do."""
     log_ratio: Float[Array, " N"]
     """Held-out log pi - log q of every step; empty where steps are not kept."""
     part: Float[Array, " M"]
@@ -81,14 +79,13 @@ def judge(
     progress("fitting the training group")
     scores = score_by_best_group(scoring)
     progress("what the scores support")
-    claims, log_prob = claim(scoring, scores), scores.fit.log_prob
-    log_ratio = log_prob - scoring.log_q
+    claims, log_ratio = claim(scoring, scores), scores.fit.log_prob - scoring.log_q
     actions, states = indicators(data), StateScale.of(data, settings.channels)
-    values = channels(data, scores.log_odds, log_prob, log_ratio, actions, states, settings.held_out.errors)
+    values = channels(data, scores.log_odds, actions, states)
     seen = components(summaries(data, actions), settings.channels)
     columns, own = columns_of(values, seen, scores.log_odds, settings.answers), np.arange(data.n_demonstrations)
     part = np.zeros(len(own)) if learner is None else two_parts(learner, scores, claims.verdicts < 0, settings)
-    return Judgement(scores, columns, states, claims, own, *reliability_of(data, log_ratio, settings), log_ratio, part)
+    return Judgement(scores, columns, states, claims, own, data.mean_steps(log_ratio > 0), log_ratio, part)
 
 
 def score_by_best_group(scoring: Scoring) -> Scores:
@@ -121,7 +118,6 @@ def repeated(judged: Judgement, copies: Copies, offsets: Int[Array, " M1"]) -> J
         claims=judged.claims.repeated(copies),
         copy_of=copies.copy_of,
         reliability=judged.reliability[place],
-        reliability_interval=judged.reliability_interval[place],
         log_ratio=judged.log_ratio[copies.rows(offsets)],
         part=judged.part[place],
     )

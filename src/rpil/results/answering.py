@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import compress, repeat
 from typing import TypeVar
@@ -18,6 +18,7 @@ from rpil.inference.answered import Answered, answer, places_to_ask
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.inference.groups import expert_share_interval
+from rpil.inference.witnesses import Witnesses
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.facts import TWO_GROUPS
 from rpil.results.judged import Demonstrator, Interval, Judged
@@ -91,7 +92,7 @@ def with_answers(audit: A, known: Answers) -> A:
         answers=known,
         own_reasons=(),
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
-        doubts=doubts_of_answers(found, is_decided),
+        doubts=doubts_of_answers(found, known, is_decided),
         notes=tuple(note for note in audit.notes if not (is_decided and is_over(note))),
         assumptions=_assumptions(audit, known, is_decided),
     )
@@ -107,7 +108,7 @@ def rejecting_rules(audit: Judged) -> tuple[str, ...]:
     known, verdicts, first = audit.answers.shared(audit.copy_of), np.array(audit.verdicts), audit.copy_of
     worse = np.isin(first, first[known.pairs[:, 1]]) & (audit.log_odds <= 0)
     is_bad = ((verdicts == "bad") | worse) & audit.answers.once(first).contrast
-    rules = {"": known.labels > 0, "outcome": (known.outcome == 0) & known.is_flag, "labels": known.labels < 0}
+    rules = {"": known.labels > 0, "outcome": known.failed, "labels": known.labels < 0}
     rules |= {"adversary": verdicts == "adversary", "answers": is_bad}
     return tuple(np.select([*rules.values()], [*rules], "").tolist())
 
@@ -158,11 +159,21 @@ def verdicts_of(verdicts: Int[Array, " M"], anchor: str, stays: Int[Array, " M"]
     return tuple(texts[sign] for sign in np.where(verdicts == 0, stays, 2 * verdicts).tolist())
 
 
-def doubts_of_answers(found: Answered, contrast: bool) -> tuple[str, ...]:
+def doubts_of_answers(found: Answered, known: Answers, contrast: bool) -> tuple[str, ...]:
     """What speaks against verdicts by these answers."""
     if found.count == 1:
         return ("One answer alone does not make other demonstrations good or bad; give a second one.",)
-    return (NOTHING_FOLLOWED,) * (found.count >= MIN_OF_NOTHING and contrast and not found.follows)
+    nothing_followed = (NOTHING_FOLLOWED,) * (found.count >= MIN_OF_NOTHING and contrast and not found.follows)
+    return nothing_followed + tuple(doubts_of_witnesses(found.witnesses, known))
+
+
+def doubts_of_witnesses(found: Witnesses, known: Answers) -> Iterator[str]:
+    """The outcomes that the other answers contradict, or do not confirm."""
+    for name, confirmed, sign in zip(known.names, found.confirmed, found.sign, strict=False):
+        if confirmed < 0.5:
+            yield f"Nothing else that is known confirms the outcome {printable(name)}, so that it counts for little."
+        elif sign < 0:
+            yield f"The outcome {printable(name)} contradicts the other answers: less of it counts as better."
 
 
 def sentence_of(audit: Judged, known: Answers) -> str:
@@ -171,7 +182,7 @@ def sentence_of(audit: Judged, known: Answers) -> str:
     counts = {
         "labels": int(np.count_nonzero(known.labels)),
         "pairs": len(known.compared),
-        "outcomes": int(np.isfinite(known.outcome).sum()),
+        "outcomes": int(np.isfinite(known.outcomes).sum()),
     }
     given = ", ".join(f"{count:,} {name if count > 1 else name[:-1]}" for name, count in counts.items() if count)
     return f"P(good) is learned from {given or 'no answers'}, each of which may be wrong."

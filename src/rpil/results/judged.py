@@ -21,6 +21,9 @@ from rpil.results.provenance import Provenance
 from rpil.results.settings import AuditSettings
 from rpil.results.vocabulary import VOCABULARIES, Anchor, Verdict, Vocabulary
 
+MAX_LOG_RATIO = 50.0
+"""Nats by which the log-ratio of a step is bounded where it is drawn: exp(50) is certain."""
+
 
 @stored()
 @dataclass(frozen=True)
@@ -149,7 +152,6 @@ class Judged:
     from_label: Float[Array, " M"] = field(metadata=of_demonstration())
     expert_proba: Float[Array, " M"] = field(metadata=PROBABILITY)
     reliability: Float[Array, " M"] = field(metadata=PROBABILITY)
-    reliability_interval: Float[Array, "M 2"] = field(metadata=of_demonstration("M 2", SHARE, SHARE))
     verdicts: tuple[Verdict, ...] = field(metadata=TEXT | {"nothing": "open"})
     step_log_ratio: Float[Array, " N"] = field(metadata=of_step())
     step_weight: Float[Array, " N"] = field(metadata=of_step(1.0, (0.0, np.inf)))
@@ -210,8 +212,7 @@ class Judged:
 
     def log_ratio(self, index: int) -> Float[Array, " n"]:
         """Log-ratios of the steps of demonstration `index`, bounded: one impossible step is not all there is to say."""
-        bound = self.settings.judge.max_log_ratio
-        return np.asarray(np.clip(self.step_log_ratio[self.steps(index)], -bound, bound, dtype=float))
+        return np.asarray(np.clip(self.step_log_ratio[self.steps(index)], -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float))
 
 
 def table_fields(kind: type[Judged]) -> Iterator[tuple[str, str, Any]]:

@@ -13,8 +13,8 @@ import numpy as np
 
 from rpil.data.errors import optional
 from rpil.data.text import printable
-from rpil.numerics.types import Array, Float, Int
-from rpil.results.result import AuditResult
+from rpil.numerics.types import Array, Int
+from rpil.results.result import AuditResult, running_mean
 from rpil.results.vocabulary import COLOURS, SIDES
 
 if TYPE_CHECKING:
@@ -31,13 +31,11 @@ class AuditPlots:
     audit: AuditResult = field(repr=False)
 
     def ranking(self, *, ax: Axes | None = None) -> Axes:
-        """The reliability of every demonstration with its 95 % interval, the most trusted at the top."""
+        """The reliability of every demonstration, the most trusted at the top."""
         audit, order = self.audit, self.audit.ranking()
         size = len(order)
         ax = _axes(ax, (6.4, 1.2 + 0.2 * min(size, MAX_NAMED_ROWS)))
-        colours = [COLOURS[SIDES[audit.verdicts[m]]] for m in order]
-        ax.hlines(np.arange(size), *audit.reliability_interval[order].T, color=colours, alpha=0.4, linewidth=2)
-        ax.set(xlim=(-0.02, 1.02), xlabel="Share of steps that are like the rest (95 % interval)")
+        ax.set(xlim=(-0.02, 1.02), xlabel="Share of steps that are like the rest")
         _dots(ax, audit, order, audit.reliability[order], np.arange(size))
         has_names = size <= MAX_NAMED_ROWS
         if has_names:
@@ -120,9 +118,3 @@ def _dots(ax: Axes, audit: AuditResult, order: Int[Array, " M"], x: Array, y: Ar
             label = f"{verdict} ({mask.sum()})"
             ax.plot(x[mask], y[mask], "o", color=COLOURS[SIDES[verdict]], markersize=4.5, label=label)
     ax.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=6, frameon=False, handletextpad=0.2)
-
-
-def running_mean(values: Float[Array, " N"]) -> Float[Array, " N"]:
-    """Centred running mean over a twentieth of the values, over fewer at both ends."""
-    window = np.ones(max(len(values) // 20, 1))
-    return np.asarray(np.convolve(values, window, "same") / np.convolve(np.ones(len(values)), window, "same"))

@@ -6,7 +6,6 @@ trusted: the stretch of consecutive steps with the lowest sum of log-ratios.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
@@ -120,7 +119,7 @@ def _by_answers(audit: Judged, m: int, answers: Answers, said: str) -> str:
         return ""
     if verdict not in (vocabulary.upper, vocabulary.lower):
         return ""
-    if math.isfinite(answers.outcome[m]):
+    if answers.has_outcome[m]:
         return f"Its outcome is among the {'highest' if verdict == vocabulary.upper else 'lowest'}"
     return f"{verdict.capitalize()} by your answers about others like it"
 

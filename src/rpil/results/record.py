@@ -49,9 +49,7 @@ class Audit(AuditResult):
         ``sigmoid(log_odds)`` where a demonstration has a verdict other than open or an adversary was named; where it
         is open, this within the limits of verdicts (``settings.min_proba``); 0.5 where the finding gives none.
     reliability : (M,) array
-        Share of the steps of the demonstration that are like those of the trusted: posterior mean.
-    reliability_interval : (M, 2) array
-        Its 95 % posterior interval.
+        Share of the steps of the demonstration whose actions the policy explains better than their frequencies do.
     verdicts : tuple of str
         The upper and the lower one of `vocabulary`, or "open" where the data do not decide.
     step_log_ratio : (N,) array

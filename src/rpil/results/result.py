@@ -11,9 +11,9 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+from scipy.special import expit
 
 from rpil.data.run import run_id
-from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id
@@ -24,6 +24,10 @@ from rpil.results.vocabulary import SIDES, WORSE
 
 MAX_LOG_ODDS = 1e9
 """Nats. Infinite log-odds become this, because JSON has no infinity: of steps that an adversary can never take."""
+
+
+NEAR = 9
+"""Steps around a step, and this itself, by which the page draws whether it is like those of the trusted."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -157,9 +161,8 @@ class AuditResult(Judged):
         return [int(n) for n in worst if ratio[n] < 0]
 
     def step_trust(self, index: int) -> Float[Array, " n"]:
-        """P(the step is like those of the trusted) of each step of demonstration `index`, whatever its own verdict."""
-        one = slice(index, index + 1)
-        return step_proba(self.reliability[one], self.log_ratio(index), self.lengths[one], self.settings.judge)
+        """P(the `NEAR` steps around each step of demonstration `index` are like those of the trusted), all alike."""
+        return np.asarray(expit(np.convolve(self.log_ratio(index), np.ones(NEAR))[NEAR // 2 :][: self.lengths[index]]))
 
     @property
     def run_id(self) -> str:
@@ -223,3 +226,9 @@ class AuditResult(Judged):
             ],
             **({} if self.provenance is None else {"provenance": self.provenance.to_dict()}),
         }
+
+
+def running_mean(values: Float[Array, " N"]) -> Float[Array, " N"]:
+    """Centred running mean over a twentieth of the values, over fewer at both ends."""
+    window = np.ones(max(len(values) // 20, 1))
+    return np.asarray(np.convolve(values, window, "same") / np.convolve(np.ones(len(values)), window, "same"))

@@ -147,8 +147,9 @@ def with_labels_alone(audit: Audit, alone: Sequence[int], answers: Answers, for_
     """The audit where the demonstrations numbered `alone`, which were not judged, have the verdicts of their labels or
     flags, and for the learner the weights."""
     signs, known = np.zeros(len(audit.ids), dtype=np.int64), audit.answers
-    labels, outcome = known.labels.copy(), known.outcome.copy()
-    signs[alone], labels[alone], outcome[alone] = answers.said[alone], answers.labels[alone], answers.outcome[alone]
+    labels, outcomes = known.labels.copy(), np.full((len(signs), answers.outcomes.shape[1]), np.nan)
+    outcomes[:, [answers.names.index(name) for name in known.names]] = known.outcomes
+    signs[alone], labels[alone], outcomes[alone] = answers.said[alone], answers.labels[alone], answers.outcomes[alone]
     verdicts, reasons, rules = [*audit.verdicts], [*audit.reasons], [*(audit.rejected_by or ("",) * len(signs))]
     for m in np.flatnonzero(signs):
         verdicts[m] = "good" if signs[m] > 0 else "bad"
@@ -163,7 +164,7 @@ def with_labels_alone(audit: Audit, alone: Sequence[int], answers: Answers, for_
         expert_proba=proba,
         verdicts=tuple(verdicts),
         step_weight=np.where(for_learner & of_steps, np.repeat(proba, audit.lengths), audit.step_weight),
-        answers=replace(known, labels=labels, outcome=outcome, failure=answers.failure, flag=answers.flag),
+        answers=replace(known, labels=labels, outcomes=outcomes, names=answers.names, flag=answers.flag),
         own_reasons=tuple(reasons),
         rejected_by=tuple(rules),
     )
@@ -171,14 +172,18 @@ def with_labels_alone(audit: Audit, alone: Sequence[int], answers: Answers, for_
 
 def _joined_answers(of_tasks: Sequence[Answers], numbers: Sequence[Array], n: int) -> Answers:
     """The answers of all tasks, by the `numbers` of their demonstrations among all `n`."""
-    joined = Answers.none(n)
+    joined, names = Answers.none(n), tuple(dict.fromkeys(name for answers in of_tasks for name in answers.names))
+    outcomes = np.full((n, len(names)), np.nan)
     for answers, places in zip(of_tasks, numbers, strict=True):
-        joined.labels[places], joined.outcome[places] = answers.labels, answers.outcome
+        joined.labels[places] = answers.labels
+        for name, values in zip(answers.names, answers.outcomes.T, strict=True):
+            outcomes[places, names.index(name)] = values
     pairs = [places[answers.pairs] for answers, places in zip(of_tasks, numbers, strict=True)]
     tied = [places[answers.tied] for answers, places in zip(of_tasks, numbers, strict=True)]
     both = np.concatenate([joined.pairs, *pairs]), np.concatenate([joined.tied, *tied])
-    of_all = of_tasks[0] if of_tasks else joined  # whose outcomes are a flag, or not, as those of all tasks
-    return replace(of_all, labels=joined.labels, outcome=joined.outcome, pairs=both[0], tied=both[1])
+    flags = {answers.names[answers.only_flag] for answers in of_tasks if answers.names and answers.only_flag >= 0}
+    flag = names.index(flags.pop()) if len(flags) == 1 else -1
+    return replace(joined, outcomes=outcomes, names=names, flag=flag, pairs=both[0], tied=both[1])
 
 
 def _joined_notes(audits: Mapping[str, Audit]) -> tuple[str, ...]:

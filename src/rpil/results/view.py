@@ -69,8 +69,7 @@ import numpy as np
 from rpil.data.text import MAX_IDS
 from rpil.faults.report import RULES, FaultReport
 from rpil.inference.findings import DECIDED
-from rpil.inference.step_trust import step_proba
-from rpil.numerics.types import Array, Float, Int
+from rpil.numerics.types import Array, Int
 from rpil.results import answering
 from rpil.results.facts import TWO_GROUPS
 from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
@@ -194,7 +193,6 @@ def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
         ],
         "evidence": {name: _significant(part) for name, part in audit.evidence_columns().items()},
         "reliability": audit.reliability.round(DECIMALS_SHOWN).tolist(),
-        **dict(zip(("low", "high"), audit.reliability_interval.T.round(DECIMALS_SHOWN).tolist(), strict=True)),
         "worst": [audit.worst_steps(m) for m in range(len(names))],
         "stretch": [answering.stretch_of(audit, m) for m in range(len(names))],
         "look": np.argsort(order).tolist(),
@@ -249,18 +247,11 @@ def _faults(audit: AuditResult, report: FaultReport | None) -> View:
 
 def drawings(audit: AuditResult, members: Sequence[int]) -> dict[str, dict[str, object]]:
     """The drawings of some demonstrations by their numbers, see above; trust is `Audit.step_trust`."""
-    if not members:
-        return {}
-    chosen = list(members)
-    ratios = [audit.log_ratio(m) for m in chosen]
-    lengths = audit.lengths[chosen]
-    # At once for all: a pass goes from step to step.
-    trust = step_proba(audit.reliability[chosen], np.concatenate(ratios), lengths, audit.settings.judge)
-    parts = zip(chosen, ratios, np.split(trust, np.cumsum(lengths)[:-1]), strict=True)
-    return {str(m): _drawn(audit, m, ratio, own) for m, ratio, own in parts}
+    return {str(m): _drawn(audit, m) for m in members}
 
 
-def _drawn(audit: AuditResult, m: int, ratio: Float[Array, " n"], trust: Float[Array, " n"]) -> dict[str, object]:
+def _drawn(audit: AuditResult, m: int) -> dict[str, object]:
+    ratio, trust = audit.log_ratio(m), audit.step_trust(m)
     starts = bin_starts(len(ratio))
     extremes = {"min": np.minimum.reduceat(ratio, starts), "max": np.maximum.reduceat(ratio, starts)}
     traces = audit.traces.get(audit.ids[m])

@@ -24,7 +24,6 @@ from rpil.inference.groups import fit_groups
 from rpil.inference.outliers import widened
 from rpil.inference.scores import mean_variance
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.step_trust import reliability_of
 from rpil.inference.trust import Judgement
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
@@ -56,8 +55,6 @@ class BlockScores(NamedTuple):
     squares: Array
     """Sum over the steps of the squared difference from the mean."""
     reliability: Array
-    interval: Array
-    """The 95 % interval of the reliability."""
     channels: Array
     side: Array
     """Nats a step by which the policy of one of two parts explains the demonstration better than that of the other."""
@@ -84,14 +81,14 @@ def score_block(
     """Score the demonstrations of a block by the policy of the sample, and by those of its two parts, if it has any."""
     data, ratio = prepared[1], judge.ratio
     assert ratio is not None
-    log_prob, log_ratio, scored = ratio.step_ratios(data.features, data.actions, settings.held_out)
+    _, log_ratio, scored = ratio.step_ratios(data.features, data.actions, settings.held_out)
     score, squares = judge.score(data, scored, settings)
     actions = ratio.indicators(data.actions)
-    described = channels(data, score, log_prob, log_ratio, actions, judge.states, settings.held_out.errors)
+    described = channels(data, score, actions, judge.states)
     by_part = [part.step_ratios(data.features, data.actions, settings.held_out)[0] for part in parts]
     side = data.mean_steps(by_part[0] - by_part[1]) if by_part else np.zeros(data.n_demonstrations)
     summed = summaries(data, actions).astype(np.float32)
-    return BlockScores(score, squares, *reliability_of(data, log_ratio, settings), described, side, summed)
+    return BlockScores(score, squares, data.mean_steps(log_ratio > 0), described, side, summed)
 
 
 def policies_of_parts(data: FitData, judged: Judgement, settings: JudgeSettings) -> tuple[Ratio, ...]:
@@ -119,7 +116,7 @@ def judge_everyone(
 
     The finding is that of the sample; outside it, groups and verdicts are by the scores alone.
     """
-    score, squares, reliability, interval, described, side, summed = BlockScores.join(blocks, data.n_demonstrations)
+    score, squares, reliability, described, side, summed = BlockScores.join(blocks, data.n_demonstrations)
     judge, lengths, judged = sample.judge, data.lengths, sample.judgement
     score[sample.indices] = judged.scores.score  # held out, as the scores of all others are
     variance = mean_variance(squares, lengths, judge.step_variance, settings.variance_steps)
@@ -130,7 +127,7 @@ def judge_everyone(
     columns = columns_of(described, components(summed, settings.channels), scores.log_odds, settings.answers)
     own, part = np.arange(len(score)), np.abs(judged.part[0]) * np.where(side > 0, 1.0, -1.0)
     part[sample.indices] = judged.part
-    return Judgement(scores, columns, judged.states, claims, own, reliability, interval, np.empty(0), part)
+    return Judgement(scores, columns, judged.states, claims, own, reliability, np.empty(0), part)
 
 
 class WeightedBlock(NamedTuple):

@@ -7,7 +7,6 @@ const columnsOf = (model) => {
     const left = (share) => `left:${(100 * share).toFixed(1)}%`;
     return [
       el("span", { class: `bar ${model.side(m)}`, "aria-hidden": "true" },
-        el("i", { style: `${left(d.low[m])};width:${(100 * (d.high[m] - d.low[m])).toFixed(1)}%` }),
         el("b", { style: left(d.reliability[m]) })),
       percent(d.reliability[m]),
     ];

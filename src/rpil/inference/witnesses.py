@@ -1,0 +1,226 @@
+"""Evidence of who is good: a Bayesian logistic regression, and witnesses whose reliability and sign are learned.
+
+    P(m is good | x_m) = sigmoid(x_m w),   w ~ N(w_0, Lambda^-1),   log p(evidence) = log[s e^{L/2} + (1 - s) e^{-L/2}]
+
+s is that probability, or of a pair "i is better than j" sigmoid((x_i - x_j) w). L is the log-likelihood ratio of all
+that is known of it. An answer is wrong at one rate. A witness is a column, such as a flag, a grade or a reward; it has
+levels l, and
+
+    L_m = log P(l_m | good) - log P(l_m | bad),     of all witnesses: their sum
+
+Reliabilities are estimated by EM (Dawid and Skene 1979). Each is learned from all that others say of a demonstration:
+the regression on answers and on other witnesses (Raykar et al. 2010), but for the witness that is most alike. So two
+witnesses that err together do not confirm each other. A witness that the others do not confirm counts for nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import expit, log_expit
+
+from rpil.inference.settings import AnswerSettings
+from rpil.numerics.regression import mean_ranks
+from rpil.numerics.types import Array, Float, Int
+
+NOTHING = 1e6
+"""Precision of weights that are 0."""
+MAX_ITER, TOL, MIN_STEP = 50, 1e-8, 1e-3
+"""Iterations at most, the gain in nats at which they stop, and the least share of a step."""
+MAX_ROUNDS, ENOUGH = 12, 0.02
+"""Rounds of EM at most, and the change of evidence in nats at which it stops."""
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """The normal distribution of w."""
+
+    mean: Float[Array, " D"]
+    covariance: Float[Array, "D D"]
+
+    def __call__(self, rows: Float[Array, "R D"]) -> Float[Array, " R"]:
+        """Log-odds of each row, nearer to 0 the less is known (MacKay 1992)."""
+        variance = np.einsum("md,de,me->m", rows, self.covariance, rows)
+        return np.asarray(rows @ self.mean / np.sqrt(1 + np.pi * variance / 8))
+
+
+def regression(
+    rows: Float[Array, "R D"], evidence: Float[Array, " R"], n_pairs: int, settings: AnswerSettings
+) -> Regression:
+    """The Laplace approximation of w, given the log-likelihood ratio L of each row; the last `n_pairs` rows are pairs.
+
+    Where all is of one side, the offset alone moves.
+    """
+    anchor, precision = np.zeros(rows.shape[1]), np.full(rows.shape[1], settings.precision)
+    anchor[1], anchor[-1] = settings.by_ranking, settings.by_group
+    precision[0] = settings.offset_precision
+    if not is_contrast(evidence, n_pairs):
+        precision[1:] = NOTHING
+    known = evidence != 0
+    return Regression(*_laplace(rows[known], evidence[known], anchor, precision))
+
+
+def is_contrast(evidence: Float[Array, " R"], n_pairs: int) -> bool:
+    """Whether some of it is for good and some for bad, or of a pair, which holds both."""
+    single, of_pairs = np.split(evidence, [len(evidence) - n_pairs])
+    return bool(((single > 0).any() and (single < 0).any()) or of_pairs.any())
+
+
+def held_out(rows: Float[Array, "R D"], evidence: Float[Array, " M"], settings: AnswerSettings) -> Float[Array, " M"]:
+    """Log-odds of the first M rows by the evidence of other folds."""
+    fold, log_odds = np.arange(len(evidence)) % settings.max_folds, np.zeros(len(evidence))
+    for k in range(min(settings.max_folds, len(fold))):
+        others = np.where(fold == k, 0.0, evidence)
+        log_odds[fold == k] = regression(rows[: len(fold)], others, 0, settings)(rows[: len(fold)][fold == k])
+    return log_odds
+
+
+def _laplace(rows: Array, evidence: Array, anchor: Array, precision: Array) -> tuple[Array, Array]:
+    """Mean and covariance of w by Fisher scoring with halved steps."""
+    right = expit(np.abs(evidence))  # how often evidence of this strength is right
+
+    def log_joint(w: Array) -> float:
+        yes, no = log_expit(rows @ w) + evidence / 2, log_expit(-(rows @ w)) - evidence / 2
+        return float(np.logaddexp(yes, no).sum() - 0.5 * (precision * (w - anchor) ** 2).sum())
+
+    def slope_and_information(w: Array) -> tuple[Array, Array]:
+        log_odds = rows @ w
+        proba = expit(log_odds)
+        slope = (expit(log_odds + evidence) - proba) @ rows - precision * (w - anchor)
+        said = proba * right + (1 - proba) * (1 - right)
+        # Fisher's information, which is never negative, in the place of the curvature.
+        change = (2 * right - 1) * proba * (1 - proba)
+        information = (rows.T * (change**2 / np.maximum(said * (1 - said), 1e-300))) @ rows
+        return slope, information + np.diag(precision)
+
+    w, reached = anchor, log_joint(anchor)
+    for _ in range(MAX_ITER):
+        slope, information = slope_and_information(w)
+        step = np.linalg.solve(information, slope)
+        if slope @ step < TOL:
+            break
+        size = 1.0
+        while (now := log_joint(w + size * step)) < reached - TOL and size > MIN_STEP:
+            size /= 2
+        w, reached = w + size * step, now
+    return w, np.linalg.inv(slope_and_information(w)[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Witnesses:
+    """What W witnesses say of M demonstrations."""
+
+    evidence: Float[Array, "M W"]
+    """Log-likelihood ratios of good against bad, nats; 0 where a witness says nothing."""
+    confirmed: Float[Array, " W"]
+    """The probability that the others confirm a witness, against chance."""
+    sign: Float[Array, " W"]
+    """1 where more is better, -1 where the others turn a witness."""
+
+
+def weigh(
+    rows: Float[Array, "R D"],
+    evidence: Float[Array, " R"],
+    n_pairs: int,
+    values: Float[Array, "M W"],
+    settings: AnswerSettings,
+) -> Witnesses:
+    """Learn how reliable each of W witnesses is, whose `values` (NaN: unknown) are of the first M rows, beside the
+    `evidence` of answers. More is thought to be better until the others say otherwise."""
+    if not values.size:
+        return Witnesses(values, np.ones(values.shape[1]), np.ones(values.shape[1]))
+    levels = [levels_of(column, settings.max_levels) for column in values.T]
+    priors = [prior_counts(level, settings) for level in levels]
+    found = np.stack([log_ratio(counts)[level] for level, counts in zip(levels, priors, strict=True)], axis=1)
+    alike = most_alike(levels)
+    confirmed, sign = np.ones(len(levels)), np.ones(len(levels))
+    for _ in range(MAX_ROUNDS):
+        new = np.zeros_like(found)
+        for k, (level, counts) in enumerate(zip(levels, priors, strict=True)):
+            others = evidence.copy()
+            others[: len(values)] += np.delete(found, [k, *alike[k]], axis=1).sum(axis=1)
+            if not is_contrast(others, n_pairs):  # nothing else tells how reliable it is
+                new[:, k] = log_ratio(counts)[level]
+                confirmed[k] = reliability(held_out(rows, new[:, k], settings), level, counts)[1]
+                continue
+            log_odds = regression(rows, others, n_pairs, settings)(rows[: len(values)]) + others[: len(values)]
+            ratio, confirmed[k] = reliability(log_odds, level, counts)
+            new[:, k] = confirmed[k] * ratio[level]
+            sign[k] = np.sign(ratio[-2] - ratio[0]) or 1.0
+        new /= shared_errors(rows, evidence, n_pairs, new, levels, settings)
+        change, found = float(np.abs(new - found).max()), new
+        if change < ENOUGH:
+            break
+    return Witnesses(found, confirmed, sign)
+
+
+def levels_of(values: Float[Array, " M"], most: int) -> Int[Array, " M"]:
+    """The place of each value among the different ones, or where these are more than `most`, among as many quantiles;
+    -1 where it is unknown."""
+    known, level = np.isfinite(values), np.full(len(values), -1)
+    different, place = np.unique(values[known], return_inverse=True)
+    if len(different) > most:
+        place = ((mean_ranks(values[known]) - 0.5) * most / known.sum()).astype(int)
+    level[known] = place
+    return level
+
+
+def prior_counts(level: Int[Array, " M"], settings: AnswerSettings) -> Float[Array, "2 K"]:
+    """Levels of bad and of good demonstrations before anything is known of a witness, as counts."""
+    shares = np.bincount(level[level >= 0], minlength=1) + 0.5
+    tilt = settings.prior_log_odds / 2 * np.linspace(-0.5, 0.5, len(shares))
+    counts = shares / shares.sum() * np.exp([-tilt, tilt])
+    return np.asarray(settings.prior_counts * counts / counts.sum(axis=1, keepdims=True))
+
+
+def log_ratio(counts: Float[Array, "2 K"]) -> Float[Array, " K+1"]:
+    """log P(level | good) - log P(level | bad), and 0 for the level -1."""
+    bad, good = np.log(counts / counts.sum(axis=1, keepdims=True))
+    return np.append(good - bad, 0.0)
+
+
+def most_alike(levels: list[Int[Array, " M"]]) -> list[list[int]]:
+    """Of each witness, the one that is most correlated with it; nothing of one."""
+    if len(levels) < 2:
+        return [[]]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        alike = np.abs(np.nan_to_num(np.corrcoef(levels)))
+    np.fill_diagonal(alike, -1.0)
+    return [[int(k)] for k in alike.argmax(axis=1)]
+
+
+def reliability(
+    log_odds: Float[Array, " M"], level: Int[Array, " M"], prior: Float[Array, "2 K"], n_iter: int = 30
+) -> tuple[Float[Array, " K+1"], float]:
+    """The log-ratios of the levels of a witness, given the `log_odds` of good by all else, and the probability that it
+    is not by chance, by BIC with as many parameters as levels."""
+    known, n = level >= 0, prior.shape[1]
+    log_odds, level, counts = log_odds[known], level[known], prior
+    for _ in range(n_iter):
+        proba = expit(log_odds + log_ratio(counts)[level])
+        counts = prior + np.stack([np.bincount(level, each, n) for each in (1 - proba, proba)])
+    bad, good = counts / counts.sum(axis=1, keepdims=True)
+    explained = expit(log_odds) * good[level] + expit(-log_odds) * bad[level]
+    shares = np.bincount(level, minlength=n) + 0.5
+    gain = float(np.log(explained / (shares / shares.sum())[level]).sum())
+    return log_ratio(counts), float(expit(gain - n / 2 * np.log(max(len(level), 1))))
+
+
+def shared_errors(
+    rows: Array, evidence: Array, n_pairs: int, found: Array, levels: list[Array], settings: AnswerSettings
+) -> Float[Array, " W"]:
+    """How many witnesses each one is worth together with those that err as it does: the sum of the positive
+    correlations of errors."""
+    if len(levels) < 2:
+        return np.ones(len(levels))
+    total = evidence.copy()
+    total[: len(found)] += found.sum(axis=1)
+    proba = expit(regression(rows, total, n_pairs, settings)(rows[: len(found)]) + total[: len(found)])
+    errors = []
+    for level in levels:
+        middles = [np.average(level, weights=each * (level >= 0) + 1e-9) for each in (1 - proba, proba)]
+        errors.append((level - (1 - proba) * middles[0] - proba * middles[1]) * (level >= 0))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        alike = np.nan_to_num(np.corrcoef(errors))
+    return np.asarray(np.maximum(np.maximum(alike, 0.0).sum(axis=1), 1.0))
