@@ -128,6 +128,15 @@ def test_learner(tmp_path):
     assert pole["RPIL()"] >= 450 > pole["all"]
 
 
+def test_driven(tmp_path, capsys):
+    path = tmp_path / "driven.json"
+    assert importlib.import_module("driven").main(["--quick", "--json", str(path)]) == 0
+    cell, game = json.loads(path.read_text())["rows"]
+    assert cell["RPIL()"] >= cell["good alone"] - 5 > cell["all alike"] + 50
+    assert 0 <= min(game["RPIL()"], game["all alike"]) <= 100
+    assert "1 of 2 cells in which the good ones alone gain" in capsys.readouterr().out
+
+
 def test_speed(written):
     """Every row has a number or says why not; nothing is asserted of the time."""
     found = written.run("speed")

@@ -17,7 +17,7 @@ from rpil.inference import two_parts as module
 from rpil.inference.held_out import held_out_model
 from rpil.inference.settings import HeldOutSettings, JudgeSettings, PartSettings
 from rpil.inference.trust import judge
-from rpil.inference.two_parts import divide, thinned, two_parts
+from rpil.inference.two_parts import divide, p_experts, thinned, two_parts
 
 SETTINGS = PartSettings()
 NOBODY = np.zeros(10, dtype=bool)
@@ -56,9 +56,9 @@ def trusted(gains, monkeypatch, outlier=NOBODY, score=None, n=10, ridge=1e-2, **
 FIRST = np.arange(10)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.parametrize(  # of ten, six are the experts with a probability of 7/12
     ("n_first", "max_tie", "sizes"),
-    [(6, 0.59, (1, -1)), (6, 0.6, (0.5, -0.5)), (4, 0.59, (-1, 1)), (4, 0.6, (0.5, -0.5)), (5, 0.5, (0.5, -0.5))],
+    [(6, 0.58, (1, -1)), (6, 0.59, (0.5, -0.5)), (4, 0.58, (-1, 1)), (4, 0.59, (0.5, -0.5)), (5, 0.5, (0.5, -0.5))],
 )
 def test_the_larger_of_two_rules_is_trusted_and_both_of_a_tie(n_first, max_tie, sizes, monkeypatch):
     found = trusted(rules(n_first > FIRST), monkeypatch, max_tie=max_tie)
@@ -70,10 +70,35 @@ def test_the_policies_have_the_ridge_of_the_judge_or_the_weakest(monkeypatch):
         assert trusted(rules(FIRST < 7), monkeypatch, ridge=ridge) == [1.0] * 7 + [-1.0] * 3
 
 
-def test_six_of_eleven_are_larger_and_twelve_of_twentythree_are_not(monkeypatch):
-    for n, n_first, value in ((11, 6, 1.0), (23, 12, 0.5), (22, 12, 1.0)):
+def test_eleven_of_twenty_are_larger_and_twelve_of_twentytwo_are_not(monkeypatch):
+    for n, n_first, value in ((20, 11, 1.0), (22, 12, 0.5), (40, 22, 1.0)):
         none = np.zeros(n, dtype=bool)
         assert trusted(rules(np.arange(n) < n_first), monkeypatch, none, n=n)[0] == value
+
+
+@pytest.mark.parametrize("prior", [(2, 1), (1, 2), (9.0, 1.0), (3, 7), (40, 40.5), 0.9, 0.3])
+@pytest.mark.parametrize(("n", "m"), [(6, 4), (30, 70), (5, 5), (2, 3)])
+def test_the_probability_of_a_part_is_that_of_its_size_by_the_prior(prior, n, m):
+    """By hand: a sum over shares p of experts."""
+    p = np.linspace(0, 1, 200_001)[1:-1] if isinstance(prior, tuple) else np.array([prior])
+    density = p ** (prior[0] - 1) * (1 - p) ** (prior[1] - 1) if isinstance(prior, tuple) else 1.0
+    first, second = ((density * p**k * (1 - p) ** (n + m - k)).sum() for k in (n, m))
+    assert p_experts(n, m, prior) == pytest.approx(first / (first + second), abs=1e-6)
+
+
+@pytest.mark.parametrize("prior", [None, 0.5, (2, 2), (1, 1), (7.5, 7.5)])
+def test_a_prior_that_says_nothing_of_sizes_leaves_the_larger_one(prior):
+    for n, m in ((6, 4), (4, 6), (10, 0), (217, 183)):
+        assert p_experts(n, m, prior) == pytest.approx((n + 1) / (n + m + 2))
+
+
+@pytest.mark.parametrize(
+    ("prior", "found"), [(None, 1.0), (0.9, 1.0), (0.3, -1.0), ((30, 70), -1.0), ((100, 99), 0.5), ((90, 10), 1.0)]
+)
+def test_a_prior_decides_between_two_rules_and_never_for_noise(prior, found, monkeypatch):
+    for noisy, expected in ((2.0, [found] * 7 + [-found] * 3), (0.29, [-1.0] * 7 + [1.0] * 3)):
+        gains = rules(FIRST < 7, noisy, 2.0, mixed=-3.0)
+        assert trusted(gains, monkeypatch, prior=prior) == expected
 
 
 @pytest.mark.parametrize(("gain", "sign"), [(0.29, 1), (0.31, -1), (-0.9, 1)])
