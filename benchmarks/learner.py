@@ -154,7 +154,7 @@ def report(rows: list[Row]) -> list[str]:
             cells = [row for row in own if row["share"] == share]
             for name in ("RPIL()", "all", "four labels"):
                 known = [row for row in cells if name in row]
-                count = sum(abs(row[name] - row["good alone"]) <= near for row in known)
+                count = sum(worse(row, name) <= near for row in known)
                 lines += [f"| {of} | {share:.0%} | {name} | {count} of {len(known)} |"] * bool(known)
     lines = ["| actions | bad | policy | cells near that of the good ones alone |", "|---|---|---|---|", *lines, ""]
     lines += distances(rows)
@@ -173,15 +173,19 @@ def report(rows: list[Row]) -> list[str]:
     return lines
 
 
+def worse(row: Row, name: str) -> float:
+    """By how much a policy is worse than that of the good ones alone; below 0 where it is better."""
+    return float((1 if row["of"] == "classes" else -1) * (row["good alone"] - row[name]))
+
+
 def distances(rows: list[Row]) -> list[str]:
     """How much worse `RPIL()` is than the good ones alone, by the number of demonstrations."""
     sizes = (*SIZES, LARGE)
     lines = [f"| {RULE}, bad | {' | '.join(map(str, sizes))} |", "|---|" + "---|" * len(sizes)]
     for of, share in product(NEAR, OF_SIZES):
         found = {row["n"]: row for row in rows if (row["of"], row.get("kind"), row["share"]) == (of, RULE, share)}
-        sign = 1 if of == "classes" else -1
-        worse = [f"{sign * (found[n]['good alone'] - found[n]['RPIL()']):+.3f}" if n in found else "" for n in sizes]
-        lines.append(f"| {of}, {share:.0%} | {' | '.join(worse)} |")
+        figures = [f"{worse(found[n], 'RPIL()'):+.3f}" if n in found else "" for n in sizes]
+        lines.append(f"| {of}, {share:.0%} | {' | '.join(figures)} |")
     return [*lines, ""]
 
 
