@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import re
 from functools import partial
 from types import SimpleNamespace
 
@@ -119,13 +120,24 @@ def test_another_value_changes_what_an_ablation_says():
     assert [sum(row["verdicts"]) for row in rows.values()] == [-10, 0]
 
 
-def test_learner(tmp_path):
+def test_learner(tmp_path, capsys):
     path = tmp_path / "learner.json"
     assert importlib.import_module("learner").main(["--quick", "--json", str(path)]) == 0
     cell, other, pole = json.loads(path.read_text())["rows"]
     assert abs(cell["RPIL()"] - cell["good alone"]) <= 0.02 < cell["good alone"] - cell["all"]
     assert other["four labels"] - other["good alone"] <= 0.03 < other["RPIL()"] - other["good alone"]
     assert pole["RPIL()"] >= 450 > pole["all"]
+    distance = float(re.search(r"\| classes, 30% \| ([+-][\d.]+) \|", capsys.readouterr().out)[1])
+    assert distance == pytest.approx(cell["good alone"] - cell["RPIL()"], abs=6e-4)
+
+
+def test_driven(tmp_path, capsys):
+    path = tmp_path / "driven.json"
+    assert importlib.import_module("driven").main(["--quick", "--json", str(path)]) == 0
+    cell, game = json.loads(path.read_text())["rows"]
+    assert cell["RPIL()"] >= cell["good alone"] - 5 > cell["all alike"] + 50
+    assert 0 <= min(game["RPIL()"], game["all alike"]) <= 100
+    assert "1 of 2 cells in which the good ones alone gain" in capsys.readouterr().out
 
 
 def test_speed(written):

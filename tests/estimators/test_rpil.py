@@ -255,3 +255,11 @@ def test_warning_about_demonstrators_points_at_the_call(recwarn):
     data = make("random", 0).demonstrations
     RPIL().fit(data, demonstrators=["a"] * len(data))
     assert [warning.filename for warning in recwarn if "demonstrators" in str(warning.message)] == [__file__]
+
+
+@pytest.mark.parametrize(("prior", "is_turned"), [(None, False), (0.9, False), (0.2, True), ((20, 80), True)])
+def test_a_prior_says_which_of_two_parts_the_policy_trusts(prior, is_turned):
+    toy = make("flipped", 1, n_good=9, n_bad=5, steps=STEPS)
+    audit = RPIL(settings=mixture(prior=prior)).fit(toy.demonstrations).audit_
+    np.testing.assert_array_equal(audit.part > 0, (toy.is_good == 1) ^ is_turned)
+    assert audit.step_weight[audit.offsets[:-1]].tolist() == (audit.part > 0).tolist()

@@ -17,7 +17,7 @@ from rpil.inference import two_parts as module
 from rpil.inference.held_out import held_out_model
 from rpil.inference.settings import HeldOutSettings, JudgeSettings, PartSettings
 from rpil.inference.trust import judge
-from rpil.inference.two_parts import divide, thinned, two_parts
+from rpil.inference.two_parts import are_situations, divide, p_experts, thinned, two_parts
 
 SETTINGS = PartSettings()
 NOBODY = np.zeros(10, dtype=bool)
@@ -56,9 +56,9 @@ def trusted(gains, monkeypatch, outlier=NOBODY, score=None, n=10, ridge=1e-2, **
 FIRST = np.arange(10)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.parametrize(  # of ten, six are the experts with a probability of 7/12
     ("n_first", "max_tie", "sizes"),
-    [(6, 0.59, (1, -1)), (6, 0.6, (0.5, -0.5)), (4, 0.59, (-1, 1)), (4, 0.6, (0.5, -0.5)), (5, 0.5, (0.5, -0.5))],
+    [(6, 0.58, (1, -1)), (6, 0.59, (0.5, -0.5)), (4, 0.58, (-1, 1)), (4, 0.59, (0.5, -0.5)), (5, 0.5, (0.5, -0.5))],
 )
 def test_the_larger_of_two_rules_is_trusted_and_both_of_a_tie(n_first, max_tie, sizes, monkeypatch):
     found = trusted(rules(n_first > FIRST), monkeypatch, max_tie=max_tie)
@@ -70,10 +70,35 @@ def test_the_policies_have_the_ridge_of_the_judge_or_the_weakest(monkeypatch):
         assert trusted(rules(FIRST < 7), monkeypatch, ridge=ridge) == [1.0] * 7 + [-1.0] * 3
 
 
-def test_six_of_eleven_are_larger_and_twelve_of_twentythree_are_not(monkeypatch):
-    for n, n_first, value in ((11, 6, 1.0), (23, 12, 0.5), (22, 12, 1.0)):
+def test_eleven_of_twenty_are_larger_and_twelve_of_twentytwo_are_not(monkeypatch):
+    for n, n_first, value in ((20, 11, 1.0), (22, 12, 0.5), (40, 22, 1.0)):
         none = np.zeros(n, dtype=bool)
         assert trusted(rules(np.arange(n) < n_first), monkeypatch, none, n=n)[0] == value
+
+
+@pytest.mark.parametrize("prior", [(2, 1), (1, 2), (9.0, 1.0), (3, 7), (40, 40.5), 0.9, 0.3])
+@pytest.mark.parametrize(("n", "m"), [(6, 4), (30, 70), (5, 5), (2, 3)])
+def test_the_probability_of_a_part_is_that_of_its_size_by_the_prior(prior, n, m):
+    """By hand: a sum over shares p of experts."""
+    p = np.linspace(0, 1, 200_001)[1:-1] if isinstance(prior, tuple) else np.array([prior])
+    density = p ** (prior[0] - 1) * (1 - p) ** (prior[1] - 1) if isinstance(prior, tuple) else 1.0
+    first, second = ((density * p**k * (1 - p) ** (n + m - k)).sum() for k in (n, m))
+    assert p_experts(n, m, prior) == pytest.approx(first / (first + second), abs=1e-6)
+
+
+@pytest.mark.parametrize("prior", [None, 0.5, (2, 2), (1, 1), (7.5, 7.5)])
+def test_a_prior_that_says_nothing_of_sizes_leaves_the_larger_one(prior):
+    for n, m in ((6, 4), (4, 6), (10, 0), (217, 183)):
+        assert p_experts(n, m, prior) == pytest.approx((n + 1) / (n + m + 2))
+
+
+@pytest.mark.parametrize(
+    ("prior", "found"), [(None, 1.0), (0.9, 1.0), (0.3, -1.0), ((30, 70), -1.0), ((100, 99), 0.5), ((90, 10), 1.0)]
+)
+def test_a_prior_decides_between_two_rules_and_never_for_noise(prior, found, monkeypatch):
+    for noisy, expected in ((2.0, [found] * 7 + [-found] * 3), (0.29, [-1.0] * 7 + [1.0] * 3)):
+        gains = rules(FIRST < 7, noisy, 2.0, mixed=-3.0)
+        assert trusted(gains, monkeypatch, prior=prior) == expected
 
 
 @pytest.mark.parametrize(("gain", "sign"), [(0.29, 1), (0.31, -1), (-0.9, 1)])
@@ -116,6 +141,48 @@ def test_the_best_of_the_starts_counts(monkeypatch):
     monkeypatch.setattr(module, "divide", written)
     assert trusted(lambda group: 1.0, monkeypatch, FIRST == 4, score) == [1.0] * 8 + [-1.0] * 2
     assert begun == [[0, 1, 2, 3, 4], [0, 1, 2, 3, 4], [*range(8)], [0, 1, 2, 3, 5, 6, 7, 8, 9]]
+
+
+def begun(first, part, steps=3):
+    """Demonstrations that begin with these columns, and go on at random."""
+    rng, n = np.random.default_rng(0), len(part)
+    features = rng.normal(size=(n, steps, first.shape[1]))
+    features[:, 0] = first
+    actions = rng.integers(2, size=n * steps)
+    return FitData(features.reshape(n * steps, -1), actions, np.arange(0, n * steps + 1, steps), Discrete(2))
+
+
+@pytest.mark.parametrize(
+    ("n", "shift", "found"), [(40, 0.0, False), (40, 1.0, False), (40, 4.0, True), (6, 9.0, False)]
+)
+def test_parts_that_the_first_step_tells_are_situations(n, shift, found):
+    part, rng = np.arange(n) < 0.4 * n, np.random.default_rng(1)
+    first = np.column_stack([rng.normal(size=(n, 3)) + shift * part[:, None] * [0, 1, 0], np.ones(n)])
+    for group in (part, ~part):
+        assert are_situations(begun(first, group), group) is found
+
+
+def test_each_first_step_is_left_out():
+    """By hand: ridge regression without it orders more than .85 of the pairs, or fewer."""
+    part, found = np.arange(40) < 16, {}
+    for seed in range(40):
+        first = np.random.default_rng(seed).normal(size=(40, 4)) + 0.7 * part[:, None]
+        z, aim = (first - first.mean(axis=0)) / first.std(axis=0), part - part.mean()
+        left_out = []
+        for m in range(40):
+            kept = np.arange(40) != m
+            left_out.append(z[m] @ np.linalg.solve(z[kept].T @ z[kept] + 40 * np.eye(4), z[kept].T @ aim[kept]))
+        left_out = np.array(left_out)
+        ordered = (left_out[part][:, None] > left_out[~part]).mean()
+        found[ordered] = are_situations(begun(first, part), part)
+    assert {*found.values()} == {True, False}
+    assert all(is_told == (ordered > 0.85) for ordered, is_told in found.items())
+
+
+def test_all_are_trusted_where_parts_are_situations_unless_one_is_noise(monkeypatch):
+    monkeypatch.setattr(module, "are_situations", lambda *_: True)
+    assert trusted(rules(FIRST < 7), monkeypatch) == [0.5] * 7 + [-0.5] * 3
+    assert trusted(rules(FIRST < 7, 0.29, 2.0, mixed=-3.0), monkeypatch) == [-1.0] * 7 + [1.0] * 3
 
 
 # One start.

@@ -170,9 +170,9 @@ class FitResult:
 def judged_by(
     posed: JudgeInput, options: FitOptions, is_kept: bool, learns: bool
 ) -> tuple[Judgement, FittedJudge | None]:
-    """What the judge says of the demonstrations that it reads, for a learner where one `learns`, and where it `is_kept`
-    what judges others later."""
+    """What the judge says, for a learner where one `learns`, and where it `is_kept` what judges others later."""
     data, settings = posed.data, options.settings.judge
+    settings = replace(settings, parts=replace(settings.parts, prior=options.settings.mixture.prior))
     model: HeldOutModel
     if options.policy is None:
         model = held_out_model(data, settings.held_out)

@@ -75,7 +75,7 @@ class RPIL(PolicyEstimator):
         Bounds of continuous actions, numbers or (A,) arrays; by default the range of the demonstrations.
     settings : Settings, optional
         Settings of every stage: the judge, the mixture (``prior``, ``m_step``, ``tol``), the sample of large data, the
-        fit of the final policy.
+        fit of the final policy. The ``prior`` also says which of two parts the judge's policy trusts.
     progress : callable, optional
         Called with one line of text at every stage.
     engine : Engine, optional

@@ -32,7 +32,7 @@ class Settings:
     """
     judge: JudgeSettings = JudgeSettings()
     mixture: MixtureSettings = MixtureSettings()
-    """Of a fit with a named adversary: the prior, the M-step, and when EM stops."""
+    """Of a fit with a named adversary: the M-step, and when EM stops; the prior is that of the learner, too."""
     audit: AuditSettings = AuditSettings()
     """When a demonstration gets a verdict and its steps full weight."""
     selection: SelectionSettings = SelectionSettings()

@@ -6,6 +6,9 @@ were chosen by hand, not tuned.
 
 from __future__ import annotations
 
+from dataclasses import field
+
+from rpil.data.archive import NOT_STORED
 from rpil.data.settings_record import check_settings, settings_record
 from rpil.mixture.settings import DemonstratorSettings
 from rpil.numerics.regression import ErrorSettings
@@ -94,7 +97,9 @@ class PartSettings:
     max_noise: float = 0.15
     """Gain of a part by its own policy, relative to that of the other by its own, up to which it has no rule."""
     max_tie: float = 0.545
-    """Share of the demonstrations up to which the larger part is no larger."""
+    """P(experts) of a part, by its size, up to which all are trusted."""
+    prior: float | tuple[float, float] | None = field(default=None, metadata=NOT_STORED)
+    """P(expert), or (a, b) of its Beta prior; of `RPIL` it is `rpil.MixtureSettings.prior`."""
     min_gain: float = 0.02
     """Nats a step by which two policies explain more than one, relative to the larger gain of a part, at least."""
     min_rule: float = 0.05

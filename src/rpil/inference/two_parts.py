@@ -2,13 +2,14 @@
 
 An audit must not act where nobody knows which group is good. A learner assumes more: experts are the largest part that
 agrees. The parts are those of the paper's mixture (eq. 7, 9) whose adversary has a policy of its own, with held-out
-policies and every demonstration on one side: two policies are fitted to a part each, and a demonstration goes to the
-part whose policy explains it better, until none changes sides; the best of several starts counts, if two policies
-explain the demonstrations better than one does by `min_gain`, and one of them gains more than `min_rule`. Of the parts
+policies and every demonstration on one side: a demonstration goes to the part whose policy explains it better, until
+none changes sides; the best of several starts counts, if two policies explain the demonstrations better than one does
+by `min_gain`, and one of them gains more than `min_rule`. Of the parts
 
     one without a rule is not trusted, whatever its size:  its policy gains at most `max_noise` times that of the other
-    of two parts with rules the larger one is trusted;  where neither has more than the share `max_tie`, all are
+    of two with rules the one is trusted that is the experts', by its size and the `prior`, by P > `max_tie`;  else all
 
+and all are where the first step of a demonstration tells its part: then parts are situations, and no rules of people.
 A gain is in nats a step above the actions of the part whatever the state, as in `rpil.inference.outliers`.
 """
 
@@ -17,7 +18,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import logsumexp
+from scipy.special import betaln, expit, logit, logsumexp
+from scipy.stats import rankdata
 
 from rpil.data.fit_data import FitData
 from rpil.inference.held_out import HeldOutModel, held_out_model
@@ -32,9 +34,9 @@ def two_parts(data: FitData, scores: Scores, outlier: Bool[Array, " M"], setting
     apart, and 0 where there are none. Starts come from the judge's `scores` and outliers, which are the other part
     where there is no better one."""
     limits, ridge = settings.parts, scores.fit.ridge or settings.held_out.ridges[-1]  # a user's policy has none
-    data, everyone = thinned(data, limits.max_steps), np.ones(data.n_demonstrations, dtype=bool)
+    data = thinned(data, limits.max_steps)
     model = held_out_model(data, replace(settings.held_out, max_left_out=0))
-    together = np.average(_explained(data, model, everyone, ridge), weights=data.lengths)
+    together = model.evaluate(np.ones(len(data.actions)), ridge).mean()
     place = np.argsort(np.argsort(scores.log_odds, kind="stable")) / data.n_demonstrations
     starts = [scores.fit.group, place >= 1 / 2, place >= 1 / 5, ~outlier]
     seen = set[bytes]()  # where one start comes to what another one has come to, it ends as that does
@@ -50,40 +52,48 @@ def two_parts(data: FitData, scores: Scores, outlier: Bool[Array, " M"], setting
         own.append(float(np.median(gains(data, log_prob, group, settings.held_out))))
     if max(own) <= limits.min_rule or explained - together <= limits.min_gain * max(own):
         return without
-    sides = np.where(part, 1.0, -1.0)
-    noise = [gain <= limits.max_noise * max(own) for gain in own]
-    if any(noise):
-        return sides if noise[1] else -sides
-    share = part.mean()
-    return sides * (1.0 if share > limits.max_tie else -1.0 if share < 1 - limits.max_tie else 0.5)
+    is_noise = min(own) <= limits.max_noise * max(own)
+    proba = float(own[0] > own[1]) if is_noise else p_experts(int(part.sum()), int((~part).sum()), limits.prior)
+    proba = 0.5 if are_situations(data, part) and not is_noise else proba
+    return np.where(part, 1.0, -1.0) * (1.0 if proba > limits.max_tie else -1.0 if 1 - proba > limits.max_tie else 0.5)
+
+
+def p_experts(n: int, m: int, prior: float | tuple[float, float] | None) -> float:
+    """P(experts) of a part of `n` beside `m` others; (n + 1) / (n + m + 2) where the prior says nothing of sizes."""
+    if prior is not None and np.ndim(prior) == 0 and prior != 0.5:
+        return float(expit((n - m) * logit(prior)))
+    a, b = prior if isinstance(prior, tuple) and prior[0] != prior[1] else (2.0, 1.0)
+    return float(expit(betaln(a + n, b + m) - betaln(a + m, b + n)))
+
+
+def are_situations(data: FitData, part: Bool[Array, " M"]) -> bool:
+    """Whether first steps, by a linear rule that leaves each one out, order more than .85 of the pairs of a member of
+    `part` and another one, and by three standard deviations of chance more than half."""
+    first, n = data.features[data.offsets[:-1]].astype(float), len(part)
+    z = (first - first.mean(axis=0)) / (first.std(axis=0) + 1e-9)
+    kernel, aim = z @ z.T, part - part.mean()
+    hat = kernel @ np.linalg.inv(kernel + n * np.eye(n))
+    place = rankdata((hat @ aim - np.diag(hat) * aim) / (1 - np.diag(hat)))
+    n_pairs = part.sum() * (~part).sum()
+    excess = (place[part].sum() - part.sum() * (part.sum() + 1) / 2) / n_pairs - 0.5
+    return bool(excess > max(0.35, 3 * np.sqrt((n + 1) / (12 * n_pairs))))
 
 
 def divide(
-    data: FitData,
-    model: HeldOutModel,
-    part: Bool[Array, " M"],
-    ridge: float,
-    settings: PartSettings,
-    seen: set[bytes],
+    data: FitData, model: HeldOutModel, part: Bool[Array, " M"], ridge: float, settings: PartSettings, seen: set[bytes]
 ) -> tuple[Bool[Array, " M"], float] | None:
-    """The part that members of `part` end in, and the mean log-likelihood of a step under the mixture, nats; None where
-    a part is nearly empty, or was `seen` before."""
+    """The part that `part` ends in, and the mean log-likelihood of a step, nats; None where one is nearly empty."""
     own = set[bytes]()
     while len(own) < settings.max_iter and part.tobytes() not in own:
         if min(part.sum(), (~part).sum()) < 2 or part.tobytes() in seen:
             return None
         own.add(part.tobytes())
-        first, second = (_explained(data, model, group, ridge) for group in (part, ~part))
+        log_prob = (model.evaluate(data.per_step(group.astype(float)), ridge) for group in (part, ~part))
+        first, second = map(data.mean_steps, log_prob)
         part, last = first >= second, part
     seen |= own
-    log_share = np.log([last.mean(), 1 - last.mean()])
-    log_joint = log_share[:, None] + np.stack([first, second]) * data.lengths
+    log_joint = np.log([[last.mean()], [1 - last.mean()]]) + np.stack([first, second]) * data.lengths
     return last, float(logsumexp(log_joint, axis=0).sum() / data.lengths.sum())
-
-
-def _explained(data: FitData, model: HeldOutModel, group: Bool[Array, " M"], ridge: float) -> Float[Array, " M"]:
-    """Mean log-likelihood of a step of each demonstration by the policy of a group, held out."""
-    return np.asarray(data.mean_steps(model.evaluate(data.per_step(group.astype(float)), ridge)))
 
 
 def thinned(data: FitData, max_steps: int) -> FitData:

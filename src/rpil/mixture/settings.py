@@ -19,7 +19,7 @@ class MixtureSettings:
     """
 
     prior: float | tuple[float, float] | None = None
-    """P(expert): fixed, or estimated under Beta(a, b); None is Beta(2, 2)."""
+    """P(expert): fixed, or estimated under Beta(a, b); None is Beta(2, 2). It decides between two parts of a judge."""
     m_step: MStep = "joint"
     """Terms of the policy's M-step; "expert_only" is the paper's code."""
     max_iter: int = 200
