@@ -77,16 +77,6 @@ def test_damaged_files_are_refused_and_end_no_process(tmp_path):
             assert demonstrations.n_steps == 20
 
 
-def test_a_file_that_has_changed_is_not_read_again(tmp_path):
-    path = tmp_path / "x.parquet"
-    data = {"episode_index": [0] * 20, "observation.x": np.arange(20.0), "action": [0, 1] * 10}
-    pq.write_table(pa.table(data), path)
-    dataset = rpil.open(path, on_disk=True).demonstrations
-    pq.write_table(pa.table(data).slice(1), path)
-    with pytest.raises(DataError, match=r"^x\.parquet: it has changed since the data set was opened; open it again\.$"):
-        dataset.select([0])
-
-
 def test_columns_that_are_kept_and_not_read_are_checked(tmp_path, monkeypatch):
     path, rows = tmp_path / "x.parquet", 4 * ROWS
     data = {"episode_index": np.repeat(range(4), ROWS), "action": np.arange(rows), "observation.x": np.arange(rows)}

@@ -7,7 +7,7 @@ import gc
 import os
 import pickle
 
-import pyarrow.parquet as pq
+import pyarrow as pa
 import pytest
 
 from rpil import Dataset, formats
@@ -113,6 +113,6 @@ def test_a_full_disk_is_said(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(pq.ParquetWriter, "write_table", full)
+    monkeypatch.setattr(pa.ipc.RecordBatchFileWriter, "write_batch", full)
     with pytest.raises(DataError, match=r"a\.csv: a copy of its rows cannot be written .*No space left.*set TMPDIR"):
         read_recording(tmp_path / "a.csv", on_disk=True)

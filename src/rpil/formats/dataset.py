@@ -22,7 +22,7 @@ from rpil.data.names import quoted, short_name
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
 from rpil.formats.places import Places
-from rpil.formats.rows import Rows, files_of, shifted
+from rpil.formats.rows import Rows
 from rpil.formats.table import Place
 from rpil.numerics.types import Array
 
@@ -184,8 +184,7 @@ def value_type(kind: pa.DataType) -> np.dtype[np.generic]:
     """The type of NumPy of the values of a column: float32 or float64, int64 for whole numbers, or text."""
     if flat.kind_of_type(kind) == "text":
         return np.dtype(np.str_)
-    if pa.types.is_dictionary(kind):
-        kind = kind.value_type
+    kind = flat.plain_type(kind)
     if flat.kind_of_type(kind) == "list":
         kind = kind.value_type
     if pa.types.is_float32(kind):
@@ -214,21 +213,18 @@ class Shard:
         return slice(self.bounds[0], self.bounds[-1])
 
     def __iter__(self) -> Iterator[Block]:
-        layout, every, row = self.layout, self.places.offsets, int(self.places.offsets[0])
-        tables = self.rows.tables(row, int(every[-1]), layout.columns, self.places.demonstration_of)
-        begin, table, at = next(tables)
         for first, end in itertools.pairwise(self.bounds):
-            offsets = every[first - self.bounds[0] : end - self.bounds[0] + 1]
-            start, stop = int(offsets[0]), int(offsets[-1])
-            block = Block(first, *layout.empty(stop - start), offsets - start)
-            while row < stop:
-                if row == begin + len(table):
-                    begin, table, at = next(tables)
-                until = min(stop, begin + len(table))
-                rows, source = slice(row - start, until - start), table.slice(row - begin, until - row)
-                layout.fill(block.observations[rows], block.actions[rows], source, shifted(at, row - begin))
-                row = until
+            offsets = self.places.offsets[first - self.bounds[0] : end - self.bounds[0] + 1]
+            block = Block(first, *self.layout.empty(int(offsets[-1] - offsets[0])), offsets - offsets[0])
+            self.fill(block.observations, block.actions, int(offsets[0]))
             yield block
+
+    def fill(self, observations: Array, actions: Array, first: int) -> None:
+        """Write the rows from the `first` one on to arrays."""
+        last = first + len(observations)
+        for row, table, at in self.rows.tables(first, last, self.layout.columns, self.places.demonstration_of):
+            own = slice(row - first, row - first + len(table))
+            self.layout.fill(observations[own], actions[own], table, at)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -301,7 +297,7 @@ class Dataset(DemonstrationSet):
         """A `DataError` where a value of the demonstrations of these numbers is missing or infinite."""
         for m in sorted(numbers):
             (block,) = self._shard((m, m + 1))
-            source = (files_of(self.rows, self.offsets[m : m + 1]) or [self.source])[0]
+            source = (self.rows.files(self.offsets[m : m + 1]) or [self.source])[0]
             names = [f"observation {name!r}" for name in self.observation_names]
             parts = [f"action {a}" for a in range(self.n_actions)]
             for values, what in ((block.observations, names), (block.actions, parts)):
@@ -309,22 +305,16 @@ class Dataset(DemonstrationSet):
                     check_finite(values, tuple(what), block.offsets, self.ids[m : m + 1], source)
 
     def select(self, indices: Indices) -> Demonstrations:
-        """The demonstrations at `indices` (integers, a slice or a mask over the M), in that order, in memory.
-
-        Row groups that hold none of them are not read.
-        """
+        """The demonstrations at `indices` (integers, a slice or a mask over the M), in that order, in memory."""
         chosen = np.atleast_1d(np.arange(len(self))[indices])
-        order = np.unique(chosen)
-        check_any(len(order), self.source)
-        offsets = np.concatenate([[0], np.cumsum(self.lengths[order])])
+        check_any(len(chosen), self.source)
+        offsets = np.concatenate([[0], np.cumsum(self.lengths[chosen])])
         check_memory(self.nbytes * offsets[-1] / self.n_steps, self.source, self.memory)
-        ids = tuple(self.ids[m] for m in order.tolist())
-        # Runs of consecutive demonstrations: their first rows, and those after their last.
-        heads = np.flatnonzero(np.diff(order, prepend=-2) != 1)
-        ends = self.offsets[order[np.append(heads[1:], len(order)) - 1] + 1]
-        rows = self.rows.chosen(np.stack([self.offsets[order[heads]], ends], axis=1))
-        (block,) = Shard(rows, self.layout, (0, len(order)), Places(ids, offsets))
+        ids, whole = tuple(self.ids[m] for m in chosen.tolist()), self._shard((0, len(self)))
+        observations, actions = self.layout.empty(int(offsets[-1]))
+        heads = np.flatnonzero(np.diff(chosen, prepend=-2) != 1)  # of runs of consecutive demonstrations
+        for a, b, head in zip(offsets[heads], offsets[[*heads[1:], len(chosen)]], chosen[heads], strict=True):
+            whole.fill(observations[a:b], actions[a:b], int(self.offsets[head]))
         kind: ActionKind = "discrete" if self.is_discrete else "continuous"
         names = self.observation_names, self.source, kind, self.action_names, self.layout.allows_missing
-        selected = Demonstrations(block.observations, block.actions, offsets, ids, *names)
-        return selected if np.array_equal(order, chosen) else selected.select(np.searchsorted(order, chosen))
+        return Demonstrations(observations, actions, offsets, ids, *names)

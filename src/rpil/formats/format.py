@@ -17,7 +17,7 @@ from rpil.data.files import StrPath, replacing
 from rpil.data.id_values import check_ids
 from rpil.data.names import natural_key, quoted
 from rpil.formats.columns import ColumnOptions, Columns
-from rpil.formats.rows import ParquetRows
+from rpil.formats.rows import ArrowFile
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
 
@@ -31,20 +31,17 @@ class StepTables:
     Attributes
     ----------
     tables : iterable of pyarrow.Table
-        Read one by one.
+        Read one by one; or a file of them.
     columns : Columns
     origin : Origin
     sizes : mapping of str to int
         The numbers of rows from each file, for formats in which files may state the order of demonstrations.
-    in_place : ParquetRows, optional
-        The rows of the tables, if they are in Parquet files and are to stay there.
     """
 
-    tables: Iterable[pa.Table]
+    tables: Iterable[pa.Table] | ArrowFile
     columns: Columns
     origin: Origin
     sizes: Mapping[str, int] = field(default_factory=dict)
-    in_place: ParquetRows | None = None
 
     def with_ignored(self, names: Mapping[str, str]) -> StepTables:
         """The same, where parts of the file are not read for the reasons in `names`."""

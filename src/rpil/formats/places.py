@@ -15,7 +15,7 @@ from rpil.data.errors import DataError
 from rpil.data.names import is_order, is_outcome
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions, Columns
-from rpil.formats.rows import Rows, TableRows, files_of, read_columns
+from rpil.formats.rows import Rows
 from rpil.formats.table import Place
 from rpil.formats.times import shorter
 from rpil.numerics.types import Array, Int
@@ -37,13 +37,11 @@ class Places:
         """The demonstration of a row, for messages."""
         return f", demonstration {self.ids[int(np.searchsorted(self.offsets, row, side='right')) - 1]!r}"
 
-    def only(self, mask: Array) -> tuple[Places, Int[Array, "K 2"]]:
+    def only(self, mask: Array) -> tuple[Places, Int[Array, " _"]]:
         """The places of the demonstrations of a mask (M,) alone, one after the other, and the rows where they were."""
-        rows = np.stack([self.offsets[:-1], self.offsets[1:]], axis=1)[mask]
-        offsets = np.append(0, np.cumsum(rows[:, 1] - rows[:, 0]))
-        begins = np.append(True, rows[1:, 0] != rows[:-1, 1])
-        runs = np.stack([rows[begins, 0], rows[np.append(begins[1:], True), 1]], axis=1)
-        return replace(self, ids=tuple(compress(self.ids, mask)), offsets=offsets), runs
+        lengths = np.diff(self.offsets)
+        places = replace(self, ids=tuple(compress(self.ids, mask)), offsets=np.append(0, np.cumsum(lengths[mask])))
+        return places, np.flatnonzero(np.repeat(mask, lengths))
 
     def owners(self) -> Int[Array, " N"]:
         """The number of the demonstration of each row."""
@@ -58,18 +56,18 @@ class Places:
 def find_places(rows: Rows, columns: Columns, source: str, options: ColumnOptions) -> tuple[Places, Rows]:
     """The places, and the rows with those of each demonstration together and in order.
 
-    A `DataError` where ids are missing or unclear, a demonstration is in two files, or rows on disk would have to move.
+    A `DataError` where ids are missing or unclear, or a demonstration is in two files.
     """
     check_any(len(rows), source)
     names_of, group = _ids(rows, columns)
     if options.split_gap or options.segment:
         names_of, group = shorter(names_of, group, rows, columns, options)
         columns = replace(columns, parts=(), id_chosen=True)
-    table = read_columns(rows, list(dict.fromkeys([*columns.orders, *columns.parts])))
+    table = rows.read(list(dict.fromkeys([*columns.orders, *columns.parts])))
 
     def at(row: int) -> str:
         tables = rows.tables(
-            row, row + 1, rows.schema.names[:1], lambda row: f", demonstration {names_of[group[row]]!r}"
+            row, row + 1, rows.table.schema.names[:1], lambda row: f", demonstration {names_of[group[row]]!r}"
         )
         return next(tables)[2](0)
 
@@ -79,26 +77,12 @@ def find_places(rows: Rows, columns: Columns, source: str, options: ColumnOption
     chosen, offsets, moved = group_rows(group, values)
     places = Places(as_ids([names_of[k] for k in chosen.tolist()], source), offsets, order, words)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
-    runs = [
-        (names_of[group[row]], file) for row, file in zip(heads, files_of(rows, heads) or repeat(source), strict=False)
-    ]
+    runs = [(names_of[group[row]], file) for row, file in zip(heads, rows.files(heads) or repeat(source), strict=False)]
     apart = _apart(runs, source) if len(runs) > len(chosen) else None
     if moved is None:
         return places, rows
-    if isinstance(rows, TableRows):
-        said = "; rows of a demonstration lay apart" if apart else ""
-        return replace(places, order_words=f"{words}{said}"), rows.taken(moved)
-    ways = "allow more memory with <option>, which sorts them"
-    if apart is not None:
-        raise DataError(
-            f"{source}, demonstration {apart[0]!r}: its rows lie apart in {apart[1]}; sort them by {columns.episode}, "
-            f"or {ways}; if they are several demonstrations, give each its own id.",
-            "memory",
-        )
-    assert values is not None
-    row = int(np.flatnonzero((values[1:] < values[:-1]) & (group[1:] == group[:-1]))[0]) + 1
-    by = f"rows are not in the order of {order!r}"
-    raise DataError(f"{at(row)}: {by}; sort the file, {ways}, or name another column with order.", "memory")
+    said = "; rows of a demonstration lay apart" if apart else ""
+    return replace(places, order_words=f"{words}{said}"), rows.taken(moved)
 
 
 def _ids(rows: Rows, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:

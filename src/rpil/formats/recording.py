@@ -23,9 +23,9 @@ from rpil.formats.dataset import Dataset, Layout
 from rpil.formats.description import Description, commas, left_out_lines
 from rpil.formats.format import Defect, StepTables
 from rpil.formats.places import find_places
-from rpil.formats.rows import Rows, TableRows, copied, files_of, read_columns
+from rpil.formats.rows import Rows
 from rpil.formats.scan import Scan, scan
-from rpil.formats.table import end_to_end, numbers_or_missing
+from rpil.formats.table import numbers_or_missing
 from rpil.formats.table_facts import Metadata, Origin, different, find_facts, tasks_of
 from rpil.formats.times import Clock, Times, clock_columns, find_clock
 from rpil.numerics.types import Array, Bool
@@ -116,7 +116,7 @@ class Recording:
     def interventions(self) -> Bool[Array, " N"] | None:
         """Whether a person had taken over in each step; None where no column says it."""
         name = self.columns.intervention
-        values = None if name is None else numbers_or_missing(read_columns(self.rows, [name])[name])
+        values = None if name is None else numbers_or_missing(self.rows.read([name])[name])
         return None if values is None or not np.isin(values, (0, 1)).all() else np.asarray(values[:, 0] > 0)
 
     def times(self) -> Times:
@@ -129,8 +129,8 @@ class Recording:
         """The numbers of its rows that the file itself has, such as ``index``, of some steps in their order."""
         order = self.found.places.order
         names = list(dict.fromkeys([*self.columns.index, *([order] if order else [])]))
-        if names or not self.rows.moved:
-            return read_columns(self.rows, names, steps) if names else None
+        if names or self.rows.place is None:
+            return self.rows.read(names, steps) if names else None
         return pa.table({"row": self.rows.numbers(np.arange(steps.start, steps.stop)) + 1})
 
     @cached_property
@@ -138,8 +138,8 @@ class Recording:
         """Order, sessions and outcomes of the demonstrations; a `DataError` where a named column cannot say them."""
         with guarded(self.description.source):
             places = self.found.places
-            table = read_columns(self.rows, list(dict.fromkeys([*clock_columns(self.columns), *self.columns.facts])))
-            return find_facts(table, self.columns, places, self.origin, files_of(self.rows, places.offsets[:-1]))
+            table = self.rows.read(list(dict.fromkeys([*clock_columns(self.columns), *self.columns.facts])))
+            return find_facts(table, self.columns, places, self.origin, self.rows.files(places.offsets[:-1]))
 
     @cached_property
     def demonstrations(self) -> Demonstrations | Dataset:
@@ -161,21 +161,18 @@ class Recording:
         data = Dataset(places.ids, places.offsets, source, self.rows, layout, *values)
         if not options.allow_missing:
             data.refuse_faulty(found.statistics.faulty)
-        return data.select(slice(None)) if isinstance(self.rows, TableRows) else data
+        return data.select(slice(None)) if isinstance(self.rows.table, pa.Table) else data
 
     def chosen(self, mask: Array) -> Recording:
         """The recording of the demonstrations of a mask (M,) alone, whose rows are scanned again."""
         places, kept = self.found.places.only(mask)
-        rows, source = self.rows.chosen(kept), self.origin.source
+        rows, source = self.rows.taken(kept), self.origin.source
         again = scan(rows, self.found.asked.without(self.found.left_out), self.columns, source, places)
         return from_scan(rows, self.columns, again, self.origin.only(places.ids))
 
 
 def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> Recording:
-    """The recording of the demonstrations in tables that the options choose.
-
-    In memory the tables may lie in any order; on disk they never are in memory all.
-    """
+    """The recording of the demonstrations in tables that the options choose."""
     columns, origin, source, notes = found.columns, found.origin, found.origin.source, []
     if options.split_gap:
         notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
@@ -183,13 +180,7 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
         notes.append(f"Each stretch of {options.segment:g} s is a demonstration.")
     if notes:
         origin = replace(origin.only(()), notes=(*notes, *origin.notes))
-    rows: Rows
-    if found.in_place is not None:
-        rows = found.in_place
-    elif options.on_disk:
-        rows = copied(found.tables, source, found.sizes)
-    else:
-        rows = TableRows(end_to_end([*found.tables], source), source, sizes=found.sizes)
+    rows = Rows.of(found.tables, source, found.sizes, options.on_disk)
     places, rows = find_places(rows, columns, source, options)
     head = next(rows.tables(0, len(rows), columns.data))[1]
     layout = Layout.of(head, columns, origin.metadata.names)
@@ -217,14 +208,14 @@ def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Reco
     offsets = found.places.offsets
     columns = columns.without_observations(found.left_out)
     columns = replace(columns, outcomes=tuple(_outcomes(rows, columns, offsets)))
-    clock = find_clock(read_columns(rows, clock_columns(columns)), columns, offsets)
+    clock = find_clock(rows.read(clock_columns(columns)), columns, offsets)
     description = _describe(columns, found, origin, clock)
     return Recording(description, rows, columns, found, origin, clock, found.places.ids)
 
 
 def _outcomes(rows: Rows, columns: Columns, offsets: Array) -> Iterator[str]:
     """The columns that may be an outcome, without those that are read and the same for all demonstrations."""
-    table = read_columns(rows, [name for name in columns.outcomes if name in rows.schema.names])
+    table = rows.read([name for name in columns.outcomes if name in rows.table.schema.names])
     for name in columns.outcomes:
         values = numbers_or_missing(table[name]) if name in table.column_names else None
         is_one = values is not None and values.shape[1] == 1

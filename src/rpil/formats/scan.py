@@ -79,7 +79,8 @@ def _single_actions(rows: Rows, layout: Layout, places: Places) -> Iterator[tupl
 
 def _of_parts(rows: Rows, layout: Layout, wanted: ActionKind, source: str) -> FoundActions:
     """The actions of several numbers or texts, which are refused where not all are numbers, or are to be discrete."""
-    kinds = {part: value_type(rows.schema.field(one.name).type).kind for one in layout.actions for part in one.parts}
+    schema = rows.table.schema
+    kinds = {part: value_type(schema.field(one.name).type).kind for one in layout.actions for part in one.parts}
     texts = [part for part, kind in kinds.items() if kind == "U"]
     if layout.n_parts == 1 or not (texts or wanted == "discrete"):
         reason = "a column of a continuous action" if layout.n_parts == 1 else f"{layout.n_parts} numbers"

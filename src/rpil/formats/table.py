@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from rpil.data.arrays import LONGEST_TEXT, are_whole, as_array, check_any
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.memory import check_memory
-from rpil.data.names import EPISODE, STEP, action_columns, short_name
+from rpil.data.names import EPISODE, STEP, action_columns, quoted, short_name
 from rpil.formats.columns import Kind
 from rpil.numerics.types import Array
 
@@ -41,8 +41,7 @@ def kinds_of(head: pa.Table) -> dict[str, Kind]:
 
 def kind_of_type(kind: pa.DataType) -> Kind:
     """The kind of a column by its type."""
-    if pa.types.is_dictionary(kind):
-        kind = kind.value_type
+    kind = plain_type(kind)
     if pa.types.is_null(kind):
         return "empty"
     if _is_numeric(kind) or pa.types.is_decimal(kind):
@@ -111,6 +110,19 @@ def end_to_end(tables: Sequence[pa.Table], source: str) -> pa.Table:
         return pa.concat_tables(tables, promote_options="permissive")
     except pa.ArrowException as error:
         raise DataError(f"{source}: its demonstrations have columns of different types; write them alike.") from error
+
+
+def other_columns(name: str, first: str, names: Collection[str] = (), known: Collection[str] = ()) -> DataError:
+    """The error that the file `name` has other columns, these `names`, than the file `first`."""
+    differ = (quoted(sorted({*some} - {*others}), 5) for some, others in ((known, names), (names, known)))
+    which = " and ".join(f"{what} {some}" for what, some in zip(("without", "with"), differ, strict=True) if some)
+    said = f"its columns are not those of {first}{which and f' ({which})'}"
+    return DataError(f"{name}: {said}; give all files the same ones, or take it out.")
+
+
+def plain_type(kind: pa.DataType) -> pa.DataType:
+    """The type of the values of a column that may be encoded by a dictionary."""
+    return kind.value_type if pa.types.is_dictionary(kind) else kind
 
 
 def part_names(widths: Mapping[str, int], joints: Mapping[str, Sequence[str]]) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from rpil.data.recorded_facts import FILE_SESSION, Facts, outcome_of_steps
 from rpil.data.text import counted
 from rpil.formats.columns import LENGTH, Columns
 from rpil.formats.places import Places
-from rpil.formats.rows import Rows, read_columns
+from rpil.formats.rows import Rows
 from rpil.formats.table import encoded, numbers_or_missing
 from rpil.formats.times import clock_columns, start_times
 from rpil.numerics.types import Array, Float
@@ -163,7 +163,7 @@ def pairs_of(rows: Rows, name: str | None, places: Places) -> list[tuple[str, ob
     """The different pairs of id, as text, and value of a column, if there is one, in the order of the file."""
     if name is None:
         return []
-    values, codes = encoded(read_columns(rows, [name])[name])
+    values, codes = encoded(rows.read([name])[name])
     _, first = np.unique(places.owners() * (len(values) + 1) + codes, return_index=True)
     values = [int(v) if isinstance(v, float) and are_whole(np.array([v])) else v for v in values] + [None]
     owners = np.searchsorted(places.offsets, np.sort(first), side="right") - 1

@@ -15,7 +15,7 @@ from rpil.data.json_files import Parsed
 from rpil.data.names import TIMESTAMP, plain_name
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions, Columns
-from rpil.formats.rows import Rows, read_columns
+from rpil.formats.rows import Rows
 from rpil.numerics.types import Array, Float, Int
 
 _UNITS = {"s sec secs seconds": 1.0, "ms msec msecs": 1e-3, "us": 1e-6, "ns nsec nsecs nanosec": 1e-9}
@@ -188,7 +188,7 @@ def _numbered(labels: Sequence[Id], rows: Array) -> tuple[list[Id], Int[Array, "
 
 def _seconds(rows: Rows, columns: Columns) -> Float[Array, " N"]:
     """The first column of time whose unit is known in seconds; NaN where it has no value."""
-    table = read_columns(rows, [*columns.orders, *columns.times])
+    table = rows.read([*columns.orders, *columns.times])
     for name, column in zip(table.column_names, table.columns, strict=True):
         values = flat.order_values(column.drop_null())
         if values is not None and len(values) and (unit := unit_of(name, column.type, values)) is not None:
