@@ -71,7 +71,7 @@ def assert_read(d, expected):
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_variants_are_read_as_meant(tmp_path, monkeypatch, variant):
-    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", 7)
+    monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 7)
     content, expected = VARIANTS[variant]
     (tmp_path / "a.csv").write_text(content, encoding="utf-8")
     assert_read(formats.read(tmp_path / "a.csv"), expected)

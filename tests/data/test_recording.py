@@ -133,7 +133,7 @@ def test_a_column_that_repeats_values_is_no_order(tmp_path):
 
 
 def test_on_disk_rows_out_of_order_are_sorted(tmp_path, monkeypatch):
-    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", 7)
+    monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 7)
     pq.write_table(TABLE.take(SHUFFLED), tmp_path / "b.parquet")
     assert_same_on_disk(tmp_path / "b.parquet")
 

@@ -24,7 +24,7 @@ BLOCK_STEPS = 700
 @pytest.fixture(autouse=True)
 def small_batches(monkeypatch):
     """Hundreds of rows fill a batch."""
-    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", 130)
+    monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 130)
 
 
 def read_all(data):

@@ -108,6 +108,8 @@ class Columns:
     observations: tuple[str, ...]
     one_action: bool  # whether the action is one column, which may then be discrete
     orders: tuple[str, ...] = ()  # columns that may give the order of the steps, the likeliest first
+    order: str | None = field(default=None, kw_only=True)  # the one of them that does
+    order_words: str = field(default="", kw_only=True)
     index: tuple[str, ...] = ()  # numbers of rows that the file itself gives
     parts: tuple[str, ...] = ()  # columns that may name a demonstration only together with `episode`, as session does
     operator: str | None = None

@@ -27,7 +27,7 @@ from rpil.formats.description import parts_in_words, without_damaged
 from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, text_rows, without_suffix
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.places import in_two_files
-from rpil.formats.rows import ArrowFile, Rows
+from rpil.formats.steps import ArrowFile, Steps
 from rpil.formats.table import other_columns
 from rpil.formats.table_facts import Origin
 
@@ -69,7 +69,7 @@ def _end_to_end(files: Mapping[str, ArrowFile]) -> Iterator[pa.Table]:
     """The rows of files, with types that fit all of them."""
     schema = pa.unify_schemas([file.schema for file in files.values()], promote_options="permissive")
     for name, file in files.items():
-        for _, table, _ in Rows(file, name).tables(0, len(file), schema.names):
+        for _, table, _ in Steps(file, name).tables(schema.names):
             yield table.cast(schema)
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import Literal, NamedTuple
@@ -21,8 +21,7 @@ from rpil.data.memory import Size, check_memory
 from rpil.data.names import quoted, short_name
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
-from rpil.formats.places import Places
-from rpil.formats.rows import Rows
+from rpil.formats.steps import Steps
 from rpil.formats.table import Place
 from rpil.numerics.types import Array
 
@@ -53,6 +52,8 @@ class Layout:
         Names of the numbers in lists that are not read, and why.
     allows_missing : bool
         Whether numbers may be NaN or infinite.
+    action_kind : {"auto", "discrete", "continuous"}
+        As the user wants it.
     """
 
     observations: tuple[Column, ...]
@@ -62,6 +63,7 @@ class Layout:
     n_parts: int
     left_out: Mapping[str, str]
     allows_missing: bool
+    action_kind: ActionKind
 
     @classmethod
     def of(cls, table: pa.Table, columns: Columns, joints: Mapping[str, Sequence[str]]) -> Layout:
@@ -79,11 +81,8 @@ class Layout:
         may_be_class = columns.one_action and first.mask is None and not is_list_of_floats
         if n_parts == 1 and (may_be_class or columns.action_kind == "discrete"):
             n_parts, action = 0, action if own_type.kind == "f" else own_type
-        return cls(observations, actions, observation, action, n_parts, chosen.left_out, columns.allows_missing)
-
-    def without(self, names: Container[str]) -> Layout:
-        """The same without some columns of observations."""
-        return replace(self, observations=tuple(one for one in self.observations if one.name not in names))
+        asked = columns.allows_missing, columns.action_kind
+        return cls(observations, actions, observation, action, n_parts, chosen.left_out, *asked)
 
     @property
     def observation_names(self) -> tuple[str, ...]:
@@ -107,11 +106,14 @@ class Layout:
         shape = (n_steps, self.n_parts) if self.n_parts else (n_steps,)
         return np.empty((n_steps, len(self.observation_names)), self.observation, order), np.empty(shape, self.action)
 
-    def fill(self, observations: Array, actions: Array, table: pa.Table, at: Place) -> None:
-        """Write the rows of `table` to the two arrays; a `DataError` where a value is missing or of the wrong kind."""
-        with guarded(at(0)):
-            self._fill(observations, table, self.observations, at)
-            self._fill(actions.reshape(len(actions), -1), table, self.actions, at)
+    def write(self, steps: Steps, first: int, observations: Array, actions: Array) -> None:
+        """Write steps from the `first` one on to two arrays, which say how many; a `DataError` where a value is missing
+        or of the wrong kind."""
+        for row, table, at in steps.tables(self.columns, first, first + len(actions)):
+            own = slice(row - first, row - first + len(table))
+            with guarded(at(0)):
+                self._fill(observations[own], table, self.observations, at)
+                self._fill(actions[own].reshape(len(table), -1), table, self.actions, at)
 
     def _fill(self, out: Array, table: pa.Table, columns: Sequence[Column], at: Place) -> None:
         start = 0
@@ -202,10 +204,9 @@ def _stacked(table: pa.Table, columns: Sequence[Column]) -> np.dtype[np.generic]
 class Shard:
     """Consecutive blocks of a data set. Iterating reads them from disk, one `Block` after another."""
 
-    rows: Rows
+    steps: Steps  # of the demonstrations ``bounds[0]`` .. ``bounds[-1] - 1``
     layout: Layout
     bounds: tuple[int, ...]  # number of the first demonstration of each block, and of the one after the last
-    places: Places  # of the demonstrations ``bounds[0]`` .. ``bounds[-1] - 1``
 
     @property
     def demonstrations(self) -> slice:
@@ -214,17 +215,10 @@ class Shard:
 
     def __iter__(self) -> Iterator[Block]:
         for first, end in itertools.pairwise(self.bounds):
-            offsets = self.places.offsets[first - self.bounds[0] : end - self.bounds[0] + 1]
+            offsets = self.steps.offsets[first - self.bounds[0] : end - self.bounds[0] + 1]
             block = Block(first, *self.layout.empty(int(offsets[-1] - offsets[0])), offsets - offsets[0])
-            self.fill(block.observations, block.actions, int(offsets[0]))
+            self.layout.write(self.steps, int(offsets[0]), block.observations, block.actions)
             yield block
-
-    def fill(self, observations: Array, actions: Array, first: int) -> None:
-        """Write the rows from the `first` one on to arrays."""
-        last = first + len(observations)
-        for row, table, at in self.rows.tables(first, last, self.layout.columns, self.places.demonstration_of):
-            own = slice(row - first, row - first + len(table))
-            self.layout.fill(observations[own], actions[own], table, at)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -239,8 +233,7 @@ class Dataset(DemonstrationSet):
         First row of each demonstration, and the number of all rows, N.
     source : str
         Name of the data in messages.
-    rows : Rows
-        The rows of the files.
+    steps : Steps
     layout : Layout
         The arrays that their columns make.
     classes : (K,) array
@@ -254,7 +247,7 @@ class Dataset(DemonstrationSet):
     ids: tuple[Id, ...]
     offsets: NDArray[np.int64]
     source: str
-    rows: Rows
+    steps: Steps
     layout: Layout
     classes: Array
     low: Array
@@ -287,17 +280,14 @@ class Dataset(DemonstrationSet):
 
         A shard can be sent to another process. Its blocks are those of `Demonstrations.shards`.
         """
-        return [self._shard(bounds) for bounds in shard_bounds(self.offsets, n_shards, block_steps)]
-
-    def _shard(self, bounds: Sequence[int]) -> Shard:
-        places = Places(self.ids[bounds[0] : bounds[-1]], self.offsets[bounds[0] : bounds[-1] + 1])
-        return Shard(self.rows, self.layout, tuple(bounds), places)
+        bounds = shard_bounds(self.offsets, n_shards, block_steps)
+        return [Shard(self.steps.part(one[0], one[-1]), self.layout, tuple(one)) for one in bounds]
 
     def refuse_faulty(self, numbers: Iterable[int]) -> None:
         """A `DataError` where a value of the demonstrations of these numbers is missing or infinite."""
         for m in sorted(numbers):
-            (block,) = self._shard((m, m + 1))
-            source = (self.rows.files(self.offsets[m : m + 1]) or [self.source])[0]
+            (block,) = Shard(self.steps.part(m, m + 1), self.layout, (m, m + 1))
+            source = (self.steps.files(self.offsets[m : m + 1]) or [self.source])[0]
             names = [f"observation {name!r}" for name in self.observation_names]
             parts = [f"action {a}" for a in range(self.n_actions)]
             for values, what in ((block.observations, names), (block.actions, parts)):
@@ -310,11 +300,11 @@ class Dataset(DemonstrationSet):
         check_any(len(chosen), self.source)
         offsets = np.concatenate([[0], np.cumsum(self.lengths[chosen])])
         check_memory(self.nbytes * offsets[-1] / self.n_steps, self.source, self.memory)
-        ids, whole = tuple(self.ids[m] for m in chosen.tolist()), self._shard((0, len(self)))
+        ids = tuple(self.ids[m] for m in chosen.tolist())
         observations, actions = self.layout.empty(int(offsets[-1]))
         heads = np.flatnonzero(np.diff(chosen, prepend=-2) != 1)  # of runs of consecutive demonstrations
         for a, b, head in zip(offsets[heads], offsets[[*heads[1:], len(chosen)]], chosen[heads], strict=True):
-            whole.fill(observations[a:b], actions[a:b], int(self.offsets[head]))
+            self.layout.write(self.steps, int(self.offsets[head]), observations[a:b], actions[a:b])
         kind: ActionKind = "discrete" if self.is_discrete else "continuous"
         names = self.observation_names, self.source, kind, self.action_names, self.layout.allows_missing
         return Demonstrations(observations, actions, offsets, ids, *names)

@@ -17,7 +17,7 @@ from rpil.data.files import StrPath, replacing
 from rpil.data.id_values import check_ids
 from rpil.data.names import natural_key, quoted
 from rpil.formats.columns import ColumnOptions, Columns
-from rpil.formats.rows import ArrowFile
+from rpil.formats.steps import ArrowFile
 from rpil.formats.table_facts import Origin
 from rpil.numerics.types import Array
 

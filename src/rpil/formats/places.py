@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from itertools import compress, repeat
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import repeat
 
 import numpy as np
 import pyarrow as pa
@@ -15,7 +15,7 @@ from rpil.data.errors import DataError
 from rpil.data.names import is_order, is_outcome
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions, Columns
-from rpil.formats.rows import Rows
+from rpil.formats.steps import Steps
 from rpil.formats.table import Place
 from rpil.formats.times import shorter
 from rpil.numerics.types import Array, Int
@@ -24,68 +24,39 @@ _WHOLE_NUMBER = re.compile(r"0|-?[1-9]\d{0,18}")
 _FILE_ORDER = "steps in the order of the file"
 
 
-@dataclass(frozen=True, eq=False)
-class Places:
-    """Where the M demonstrations of a recording are, and the column that orders their steps, if any; also in words."""
-
-    ids: tuple[Id, ...]
-    offsets: Int[Array, " _"]
-    order: str | None = None
-    order_words: str = _FILE_ORDER
-
-    def demonstration_of(self, row: int) -> str:
-        """The demonstration of a row, for messages."""
-        return f", demonstration {self.ids[int(np.searchsorted(self.offsets, row, side='right')) - 1]!r}"
-
-    def only(self, mask: Array) -> tuple[Places, Int[Array, " _"]]:
-        """The places of the demonstrations of a mask (M,) alone, one after the other, and the rows where they were."""
-        lengths = np.diff(self.offsets)
-        places = replace(self, ids=tuple(compress(self.ids, mask)), offsets=np.append(0, np.cumsum(lengths[mask])))
-        return places, np.flatnonzero(np.repeat(mask, lengths))
-
-    def owners(self) -> Int[Array, " N"]:
-        """The number of the demonstration of each row."""
-        return np.repeat(np.arange(len(self.ids)), np.diff(self.offsets))
-
-    def begins(self, row: int, n_rows: int) -> Array:
-        """The rows of a table of `n_rows` rows, the first of which is `row`, at which demonstrations begin."""
-        first, last = np.searchsorted(self.offsets[:-1], [row, row + n_rows])
-        return np.asarray(self.offsets[first:last] - row)
-
-
-def find_places(rows: Rows, columns: Columns, source: str, options: ColumnOptions) -> tuple[Places, Rows]:
-    """The places, and the rows with those of each demonstration together and in order.
+def find_places(rows: Steps, columns: Columns, options: ColumnOptions) -> tuple[Steps, Columns]:
+    """The steps of each demonstration together and in order, and the columns with the one that gives the order.
 
     A `DataError` where ids are missing or unclear, or a demonstration is in two files.
     """
-    check_any(len(rows), source)
+    check_any(len(rows), rows.source)
     names_of, group = _ids(rows, columns)
+    of_file = columns
     if options.split_gap or options.segment:
         names_of, group = shorter(names_of, group, rows, columns, options)
         columns = replace(columns, parts=(), id_chosen=True)
-    table = rows.read(list(dict.fromkeys([*columns.orders, *columns.parts])))
+    table = rows.read([*columns.orders, *columns.parts])
 
     def at(row: int) -> str:
-        tables = rows.tables(
-            row, row + 1, rows.table.schema.names[:1], lambda row: f", demonstration {names_of[group[row]]!r}"
-        )
-        return next(tables)[2](0)
+        m = int(group[row])
+        return replace(rows, ids=(names_of[m],), offsets=np.array([row])).place_of(row, 0)
 
-    _check_ids(names_of, group, columns, source)
+    _check_ids(names_of, group, columns, rows.source)
     order, words, values = _find_order(table, columns, group, at)
     _check_one_id(table, columns, group, order, at)
     chosen, offsets, moved = group_rows(group, values)
-    places = Places(as_ids([names_of[k] for k in chosen.tolist()], source), offsets, order, words)
+    ids = as_ids([names_of[k] for k in chosen.tolist()], rows.source)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
-    runs = [(names_of[group[row]], file) for row, file in zip(heads, rows.files(heads) or repeat(source), strict=False)]
-    apart = _apart(runs, source) if len(runs) > len(chosen) else None
-    if moved is None:
-        return places, rows
-    said = "; rows of a demonstration lay apart" if apart else ""
-    return replace(places, order_words=f"{words}{said}"), rows.taken(moved)
+    files: dict[Id, str] = {}
+    for row, file in zip(heads, rows.files(heads) or repeat(rows.source), strict=False):
+        if files.setdefault(m := names_of[group[row]], file) != file:
+            raise in_two_files(m, files[m], file, rows.source)
+    apart = "; rows of a demonstration lay apart" if len(heads) > len(chosen) else ""
+    rows = replace(rows if moved is None else rows.taken(moved), ids=ids, offsets=offsets)
+    return rows, replace(of_file, order=order, order_words=f"{words}{apart}")
 
 
-def _ids(rows: Rows, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:
+def _ids(rows: Steps, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:
     """The different ids, and the number of that of each row; one id where no column tells demonstrations apart.
 
     Of text tables all are numbers where all are written as whole numbers of at most 64 bits.
@@ -93,24 +64,13 @@ def _ids(rows: Rows, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:
     numbers, group = dict[Id, int](), np.zeros(len(rows), np.int32)
     if columns.episode in columns.made:
         return [0], group
-    for row, part, place in rows.tables(0, len(rows), [columns.episode]):
+    for row, part, place in rows.tables([columns.episode]):
         ids, codes = flat.id_codes(part, columns.episode, place)
         group[row : row + len(part)] = np.array([numbers.setdefault(m, len(numbers)) for m in ids])[codes]
     texts = [str(m) for m in numbers] if columns.id_written else []
     if texts and all(_WHOLE_NUMBER.fullmatch(text) and abs(int(text)) < 1 << 63 for text in texts):
         return [int(text) for text in texts], group
     return [*texts] or [*numbers], group
-
-
-def _apart(runs: Iterable[tuple[Id, str]], source: str) -> tuple[Id, str] | None:
-    """The first demonstration that has two of the runs of rows, and its file; a `DataError` where it has two files."""
-    files: dict[Id, str] = {}
-    apart = None
-    for m, file in runs:
-        apart = apart or ((m, file) if m in files else None)
-        if files.setdefault(m, file) != file:
-            raise in_two_files(m, files[m], file, source)
-    return apart
 
 
 def in_two_files(m: Id, first: str, second: str, source: str) -> DataError:

@@ -16,8 +16,7 @@ from rpil.data.names import EPISODE, plain_name, quoted
 from rpil.data.recorded_facts import FILE_SESSION, Facts, outcome_of_steps
 from rpil.data.text import counted
 from rpil.formats.columns import LENGTH, Columns
-from rpil.formats.places import Places
-from rpil.formats.rows import Rows
+from rpil.formats.steps import Steps
 from rpil.formats.table import encoded, numbers_or_missing
 from rpil.formats.times import clock_columns, start_times
 from rpil.numerics.types import Array, Float
@@ -96,35 +95,37 @@ class Origin:
         return replace(self, metadata=replace(self.metadata, sizes={}, lengths=lengths))
 
 
-def find_facts(table: pa.Table, columns: Columns, places: Places, origin: Origin, files: Sequence[str]) -> Facts:
-    """The facts about the M demonstrations of a table, whose rows are in their order, and that are in these M files.
+def find_facts(steps: Steps, columns: Columns, origin: Origin) -> Facts:
+    """The facts about the M demonstrations.
 
     A `DataError` where the column of the session or of the outcome, which the user names, cannot be one.
     """
-    order, order_source = None, ""
-    are_numbers = plain_name(columns.episode) == EPISODE[0] and isinstance(places.ids[0], int)
+    table = steps.read([*clock_columns(columns), *columns.facts])
+    files, order, order_source = steps.files(steps.offsets[:-1]), None, ""
+    are_numbers = plain_name(columns.episode) == EPISODE[0] and isinstance(steps.ids[0], int)
     if files and origin.metadata.version and are_numbers:  # LeRobot numbers them in their order
-        order, order_source = np.array(places.ids, dtype=float), columns.episode
+        order, order_source = np.array(steps.ids, dtype=float), columns.episode
     elif files:
-        order, order_source = start_times({name: table[name] for name in clock_columns(columns)}, places.offsets)
-    sessions = () if columns.session is None else _sessions(table, columns.session, places, origin.source, files)
-    outcome = None if columns.outcome is None else _outcome(table, columns, places.offsets, origin.source)
+        order, order_source = start_times({name: table[name] for name in clock_columns(columns)}, steps.offsets)
+    sessions = () if columns.session is None else _sessions(table, columns.session, steps, files)
+    outcome = None if columns.outcome is None else _outcome(table, columns, steps.offsets, origin.source)
     return Facts(order, order_source, sessions, outcome, columns.outcome or "")
 
 
-def _sessions(table: pa.Table, name: str, places: Places, source: str, files: Sequence[str]) -> tuple[str, ...]:
+def _sessions(table: pa.Table, name: str, steps: Steps, files: Sequence[str]) -> tuple[str, ...]:
     """The session of each demonstration."""
     if name == FILE_SESSION and name not in table.column_names:
         if not files:
-            raise DataError(f"{source}: its files make no sessions; name a column with <option>.", "session")
+            raise DataError(f"{steps.source}: its files make no sessions; name a column with <option>.", "session")
         return tuple(files)
     values, codes = encoded(table[name])
-    low, high = (extreme.reduceat(codes, places.offsets[:-1]) for extreme in (np.minimum, np.maximum))
+    low, high = (extreme.reduceat(codes, steps.offsets[:-1]) for extreme in (np.minimum, np.maximum))
     wrong = np.flatnonzero((low < 0) | (low != high))
     if len(wrong):
         fault = "has no value" if low[wrong[0]] < 0 else "changes"
         raise DataError(
-            f"{source}, demonstration {places.ids[wrong[0]]!r}: column {name!r} {fault} within it; give it one session."
+            f"{steps.source}, demonstration {steps.ids[wrong[0]]!r}: column {name!r} {fault} within it; give it one "
+            "session."
         )
     return tuple(str(values[code]) for code in low.tolist())
 
@@ -159,15 +160,16 @@ def file_names(paths: Iterable[str]) -> list[str]:
     return short if len(set(short)) == len(set(whole)) else whole
 
 
-def pairs_of(rows: Rows, name: str | None, places: Places) -> list[tuple[str, object]]:
+def pairs_of(steps: Steps, name: str | None) -> list[tuple[str, object]]:
     """The different pairs of id, as text, and value of a column, if there is one, in the order of the file."""
     if name is None:
         return []
-    values, codes = encoded(rows.read([name])[name])
-    _, first = np.unique(places.owners() * (len(values) + 1) + codes, return_index=True)
+    values, codes = encoded(steps.read([name])[name])
+    each = np.repeat(np.arange(len(steps.ids)), np.diff(steps.offsets))
+    _, first = np.unique(each * (len(values) + 1) + codes, return_index=True)
     values = [int(v) if isinstance(v, float) and are_whole(np.array([v])) else v for v in values] + [None]
-    owners = np.searchsorted(places.offsets, np.sort(first), side="right") - 1
-    return [(str(places.ids[m]), values[codes[row]]) for m, row in zip(owners.tolist(), np.sort(first), strict=True)]
+    owners = each[np.sort(first)]
+    return [(str(steps.ids[m]), values[codes[row]]) for m, row in zip(owners.tolist(), np.sort(first), strict=True)]
 
 
 def tasks_of(pairs: Sequence[tuple[str, object]], metadata: Metadata) -> dict[str, str]:

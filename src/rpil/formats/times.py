@@ -15,7 +15,7 @@ from rpil.data.json_files import Parsed
 from rpil.data.names import TIMESTAMP, plain_name
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions, Columns
-from rpil.formats.rows import Rows
+from rpil.formats.steps import Steps
 from rpil.numerics.types import Array, Float, Int
 
 _UNITS = {"s sec secs seconds": 1.0, "ms msec msecs": 1e-3, "us": 1e-6, "ns nsec nsecs nanosec": 1e-9}
@@ -151,7 +151,7 @@ def with_facts(
 
 
 def shorter(
-    names: Sequence[Id], group: Int[Array, " N"], rows: Rows, columns: Columns, options: ColumnOptions
+    names: Sequence[Id], group: Int[Array, " N"], rows: Steps, columns: Columns, options: ColumnOptions
 ) -> tuple[list[Id], Int[Array, " N"]]:
     """The ids of the shorter demonstrations that the options make of those with these `names`, and the number of that
     of each row, as `group` is.
@@ -186,7 +186,7 @@ def _numbered(labels: Sequence[Id], rows: Array) -> tuple[list[Id], Int[Array, "
     return [*numbers], np.array(codes, np.int32)[rows]
 
 
-def _seconds(rows: Rows, columns: Columns) -> Float[Array, " N"]:
+def _seconds(rows: Steps, columns: Columns) -> Float[Array, " N"]:
     """The first column of time whose unit is known in seconds; NaN where it has no value."""
     table = rows.read([*columns.orders, *columns.times])
     for name, column in zip(table.column_names, table.columns, strict=True):

@@ -12,14 +12,14 @@ import pytest
 
 from rpil import Dataset, formats
 from rpil.data.errors import DataError
-from rpil.formats import read_recording, rows
+from rpil.formats import read_recording, steps
 from rpil.formats.columns import ColumnOptions
 from samples import assert_same_on_disk
 
 
 @pytest.fixture(autouse=True)
 def small_batches(monkeypatch):
-    monkeypatch.setattr(rows, "BATCH_ROWS", 7)
+    monkeypatch.setattr(steps, "BATCH_ROWS", 7)
     monkeypatch.setattr("rpil.formats.step_arrays.BATCH_ROWS", 7)
 
 

@@ -1,4 +1,4 @@
-"""The rows of a recording: an Arrow table in memory, or one in a temporary file, which is read in the same batches.
+"""The steps of a recording: an Arrow table in memory, or one in a temporary file, which is read in the same batches.
 
 What does not fit in memory is written once to a file of Arrow, whatever its format, because a fit makes dozens of
 passes. The file is removed when its rows are no longer needed, or when the process ends.
@@ -14,16 +14,17 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 
-from rpil.data.arrays import check_any
+from rpil.data.arrays import Id, check_any
 from rpil.data.errors import DataError
 from rpil.data.guard import guarded
-from rpil.formats.table import BATCH_ROWS, Place, end_to_end, plain_type
-from rpil.numerics.types import Array
+from rpil.formats.table import BATCH_ROWS, Place, plain_type
+from rpil.numerics.types import Array, Int
 
 
 class ArrowFile:
@@ -107,30 +108,32 @@ def _writing(name: str) -> Iterator[None]:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
-    """The rows of a table, with those of each demonstration together, that is called `source` in messages.
+class Steps:
+    """The steps of M demonstrations end to end, in order, a row of the `table` each.
 
-    `sizes` are the numbers of rows from each file; there are none for formats in which files say nothing of
-    demonstrations. `place` (N,) is the number that each row has in the files; None where all stay where they are, and
-    none is left out.
+    Attributes
+    ----------
+    source : str
+        The name of the data in messages.
+    sizes : mapping of str to int
+        The numbers of rows from each file; none for formats in which files say nothing of demonstrations.
+    place : (N,) array, optional
+        The number that each row has in the files; None where all stay where they are, and none is left out.
+    ids, offsets : tuple, (M + 1,) array
+        Of the demonstrations; there are none before these are known.
     """
 
     table: pa.Table | ArrowFile
     source: str
     sizes: Mapping[str, int] = field(default_factory=dict)
     place: Array | None = None
-
-    @classmethod
-    def of(cls, tables: Iterable[pa.Table] | ArrowFile, source: str, sizes: Mapping[str, int], on_disk: bool) -> Rows:
-        """The rows of tables one below the other, in memory or on disk."""
-        if isinstance(tables, ArrowFile):
-            return cls(tables, source, sizes)
-        return cls(ArrowFile.of(tables, source) if on_disk else end_to_end([*tables], source), source, sizes)
+    ids: tuple[Id, ...] = ()
+    offsets: Int[Array, " _"] = field(default_factory=lambda: np.zeros(1, np.int64))
 
     def __len__(self) -> int:
         return len(self.table)
 
-    def taken(self, rows: Array) -> Rows:
+    def taken(self, rows: Array) -> Steps:
         """Some of the rows, in this order."""
         if isinstance(self.table, pa.Table):
             return replace(self, table=self.table.take(rows), place=self.numbers(rows))
@@ -143,27 +146,39 @@ class Rows:
 
         return replace(self, table=ArrowFile.of(map(some, parts), self.source), place=self.numbers(rows))
 
-    def tables(
-        self, first: int, last: int, columns: Sequence[str], demonstration: Place = lambda _: ""
-    ) -> Iterator[tuple[int, pa.Table, Place]]:
-        """Rows ``first:last`` in tables: the first row of each, the table, and the place of a row of it for messages.
+    def only(self, mask: Array) -> Steps:
+        """The demonstrations of a mask (M,) alone."""
+        if mask.all():
+            return self
+        lengths = np.diff(self.offsets)
+        ids, offsets = tuple(compress(self.ids, mask)), np.append(0, np.cumsum(lengths[mask]))
+        return replace(self.taken(np.flatnonzero(np.repeat(mask, lengths))), ids=ids, offsets=offsets)
 
-        `demonstration` names the demonstration of a row of the recording.
-        """
+    def part(self, first: int, end: int) -> Steps:
+        """The same table with the demonstrations ``first:end``, whose rows keep their numbers."""
+        return replace(self, ids=self.ids[first:end], offsets=self.offsets[first : end + 1])
+
+    def tables(
+        self, columns: Sequence[str], first: int = 0, last: int | None = None
+    ) -> Iterator[tuple[int, pa.Table, Place]]:
+        """Rows ``first:last`` in tables: the first row of each, the table, and the place of a row for messages."""
+        last = len(self) if last is None else last
         size = self.table.n_batch if isinstance(self.table, ArrowFile) else BATCH_ROWS
         whole = self.table.select(columns) if isinstance(self.table, pa.Table) else None
         for start in range(first - first % size, last, size):
             a, b = max(start, first), min(start + size, last)
             table = self.table.batch(start // size, columns).slice(a - start) if whole is None else whole.slice(a)
-            yield a, table.slice(0, b - a), partial(self._place, a, demonstration)
+            yield a, table.slice(0, b - a), partial(self.place_of, a)
 
-    def _place(self, first: int, demonstration: Place, row: int) -> str:
+    def place_of(self, first: int, row: int) -> str:
+        """The file, the demonstration, and the number in the file of row ``first + row``, for messages."""
+        m = int(np.searchsorted(self.offsets, first + row, side="right")) - 1
         number, name = int(self.numbers(np.array([first + row]))[0]), self.source
         if len(self.sizes) > 1:
             ends = np.cumsum([0, *self.sizes.values()])
             k = int(np.searchsorted(ends, number, side="right")) - 1
             number, name = number - int(ends[k]), [*self.sizes][k]
-        return f"{name}{demonstration(first + row)}, row {number + 1}"
+        return f"{name}{f', demonstration {self.ids[m]!r}' if m < len(self.ids) else ''}, row {number + 1}"
 
     def numbers(self, rows: Array) -> Array:
         """The numbers that some rows have in the files, one below the other, from 0."""
@@ -174,8 +189,8 @@ class Rows:
         names, ends = list(self.sizes), np.cumsum(list(self.sizes.values()))
         return [names[k] for k in np.searchsorted(ends, self.numbers(some), side="right").tolist()] if names else []
 
-    def read(self, names: Sequence[str], steps: slice | None = None) -> pa.Table:
-        """Some columns of some of the rows, or of all."""
-        first, last = (0, len(self)) if steps is None else (steps.start, steps.stop)
-        tables = [table for _, table, _ in self.tables(first, last, names)] if names else []
+    def read(self, names: Iterable[str], steps: slice = slice(0, None)) -> pa.Table:
+        """Some columns, no two alike, of some of the rows, or of all."""
+        columns = list(dict.fromkeys(names))
+        tables = [table for _, table, _ in self.tables(columns, steps.start, steps.stop)] if columns else []
         return pa.concat_tables(tables, promote_options="permissive") if tables else pa.table({})
