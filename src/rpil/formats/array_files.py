@@ -26,8 +26,8 @@ from rpil.formats.columns import ColumnOptions, as_list
 from rpil.formats.description import commas, without_damaged
 from rpil.formats.format import Format, StepTables, kept_of
 from rpil.formats.hdf5 import keep_groups, opened_hdf5
+from rpil.formats.metadata import Metadata
 from rpil.formats.step_arrays import Closed, Part, StoredArray, Tree, from_parts, read_once
-from rpil.formats.table_facts import Metadata
 from rpil.formats.table_folder import has_tables
 from rpil.numerics.types import Array
 

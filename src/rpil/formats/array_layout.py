@@ -21,8 +21,8 @@ from rpil.data.names import ACTION_COLUMNS, EPISODE, may_be_outcome, plain_name
 from rpil.formats.columns import ColumnOptions, as_list
 from rpil.formats.description import commas
 from rpil.formats.format import StepTables
+from rpil.formats.metadata import Metadata
 from rpil.formats.step_arrays import NO_STEPS, Closed, Part, StoredArray, Tree, from_parts, read_once
-from rpil.formats.table_facts import Metadata
 from rpil.numerics.types import Array
 
 ROLES = {

@@ -14,8 +14,20 @@ from rpil.data import names as spellings
 from rpil.data.errors import DataError
 from rpil.data.names import may_be_outcome, plain_name, quoted, short_name
 from rpil.data.recorded_facts import FILE_SESSION
-from rpil.formats.columns import LENGTH, STRETCH, TIME_OF_STEP, ColumnOptions, Columns, Kind, Names, check_names
-from rpil.formats.guesses import OF_PART, guess_actions, guess_id, one_id
+from rpil.formats.columns import (
+    LENGTH,
+    OF_PART,
+    STRETCH,
+    TIME_OF_STEP,
+    ColumnOptions,
+    Columns,
+    Names,
+    check_names,
+    guess_actions,
+    guess_id,
+    one_id,
+)
+from rpil.formats.table import Kind
 
 *_EPISODE_WORDS, _ID_ALONE = spellings.EPISODE_COLUMNS
 _IDS: tuple[Kind, ...] = ("number", "text", "mixed", "time", "list")

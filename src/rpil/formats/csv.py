@@ -26,10 +26,10 @@ from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.description import parts_in_words, without_damaged
 from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, text_rows, without_suffix
 from rpil.formats.format import Format, StepTables, called, keep_one_file
+from rpil.formats.metadata import Origin
 from rpil.formats.places import in_two_files
 from rpil.formats.steps import ArrowFile, Steps
 from rpil.formats.table import other_columns
-from rpil.formats.table_facts import Origin
 
 FILE = "file"  # the column of the file's name, where nothing else names the demonstration
 _FAULT = "not a CSV file, or a damaged or truncated one", "write it again"

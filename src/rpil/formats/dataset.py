@@ -33,6 +33,11 @@ class Column(NamedTuple):
     parts: tuple[str, ...]
     mask: Array | None = None  # where not all are read
 
+    @property
+    def width(self) -> int:
+        """The numbers that a row has."""
+        return len(self.parts if self.mask is None else self.mask)
+
     def cut(self, values: Array) -> Array:
         """Of values (N, K) those that are read; all where rows have more or fewer than there should be."""
         return values if self.mask is None or values.shape[1:] != self.mask.shape else values[:, self.mask]
@@ -121,9 +126,9 @@ class Layout:
             block = flat.column_values(table, one.name, at, self.allows_missing)
             if block.dtype.kind == "U" and out.dtype.kind != "U":
                 raise flat.no_numbers(block, one.name, at)
-            block, width = block.reshape(len(block), -1), len(one.parts if one.mask is None else one.mask)
-            if block.shape[1] != width:
-                fault = f"holds {block.shape[1]} numbers, not {width} as elsewhere"
+            block = block.reshape(len(block), -1)
+            if block.shape[1] != one.width:
+                fault = f"holds {block.shape[1]} numbers, not {one.width} as elsewhere"
                 raise DataError(f"{at(0)}: column {one.name!r} {fault}.")
             out[:, start : start + len(one.parts)] = one.cut(block)
             start += len(one.parts)

@@ -19,11 +19,10 @@ from rpil.data.held import held_bytes
 from rpil.data.memory import check_memory
 from rpil.data.names import ACTION_COLUMNS, EPISODE, EPISODE_COLUMNS, natural_key, plain_name
 from rpil.formats import table as flat
-from rpil.formats.arrow import from_arrow, plain_columns
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE
 from rpil.formats.description import damaged_lines, parts_in_words
-from rpil.formats.format import Format, StepTables, keep_one_file
+from rpil.formats.format import Format, StepTables, from_arrow, keep_one_file, plain_columns
 from rpil.formats.table_folder import has_tables
 
 JSON_SUFFIXES = (".jsonl", ".ndjson", ".catalog")
@@ -57,7 +56,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
         tables = {m: one.append_column(FILE, pa.repeat(names[m], len(one))) for m, one in tables.items()}
     table = flat.end_to_end([*tables.values()], path.name)
     name = "JSON lines" if len(files) == 1 else f"JSON lines, {len(files):,} files"
-    steps = from_arrow(table, options, path.name, name, default)
+    steps = from_arrow([table], options, path.name, name, default)
     return replace(steps, origin=replace(steps.origin, skipped=skipped))
 
 
@@ -161,7 +160,7 @@ def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) 
     """
     table = _steps(_parsed(path, options)[0])
     line_of, table = table[_LINE].to_numpy(), table.drop_columns([_LINE])
-    episode = from_arrow(table, options, path.name, "").columns.episode
+    episode = from_arrow([table], options, path.name, "").columns.episode
     names, owners = flat.id_codes(table, episode, lambda _: path.name)
     wanted = {k: str(name) for k, name in enumerate(names) if str(name) in ids}
     is_kept = np.isin(owners, [*wanted])

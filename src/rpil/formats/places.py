@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import repeat
@@ -15,10 +16,10 @@ from rpil.data.errors import DataError
 from rpil.data.names import is_order, is_outcome
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions, Columns
+from rpil.formats.metadata import unit_of
 from rpil.formats.steps import Steps
 from rpil.formats.table import Place
-from rpil.formats.times import shorter
-from rpil.numerics.types import Array, Int
+from rpil.numerics.types import Array, Float, Int
 
 _WHOLE_NUMBER = re.compile(r"0|-?[1-9]\d{0,18}")
 _FILE_ORDER = "steps in the order of the file"
@@ -158,3 +159,52 @@ def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: str | 
                 f"demonstrations share, or, if {columns.episode!r} is one, say so with <option>.",
                 "id",
             )
+
+
+def shorter(
+    names: Sequence[Id], group: Int[Array, " N"], rows: Steps, columns: Columns, options: ColumnOptions
+) -> tuple[list[Id], Int[Array, " N"]]:
+    """The ids of the shorter demonstrations that the options make of those with these `names`, and the number of that
+    of each row, as `group` is.
+
+    A demonstration ends where the next row is more than `split_gap` seconds later, or earlier: "P01" is split into
+    "P01-0" and "P01-1"; and after each `segment` seconds from its first row on: into "P01 [0, 10) s" and
+    "P01 [10, 20) s".
+    """
+    seconds, is_new = _seconds(rows, columns), columns.episode in columns.made
+    if gap := options.split_gap:
+        steps, counts, labels = np.diff(seconds, prepend=np.nan), Counter[int](), list[Id]()
+        starts = (steps > gap) | (steps < 0) | (np.diff(group, prepend=-1) != 0)
+        for k in group[starts].tolist():
+            labels.append(counts[k] if is_new else f"{names[k]}-{counts[k]}")
+            counts[k] += 1
+        names, group = _numbered(labels, np.cumsum(starts) - 1)
+    if length := options.segment:
+        if np.isnan(seconds).any():
+            raise DataError(f"{columns.source}: the column of time lacks values; fill it in.")
+        first = seconds[np.unique(group, return_index=True)[1]]
+        parts = np.stack([group, np.floor((seconds - first[group]) / length)])
+        pairs, places = np.unique(parts, axis=1, return_inverse=True)
+        ends = ((names[int(k)], part * length, (part + 1) * length) for k, part in pairs.T.tolist())
+        names, group = _numbered([f"{m} [{a:.10g}, {b:.10g}) s" for m, a, b in ends], places.reshape(-1))
+    return [*names], group
+
+
+def _numbered(labels: Sequence[Id], rows: Array) -> tuple[list[Id], Int[Array, " N"]]:
+    """The different labels, and the number of that of each row, where `rows` has the place of its label."""
+    numbers: dict[Id, int] = {}
+    codes = [numbers.setdefault(label, len(numbers)) for label in labels]
+    return [*numbers], np.array(codes, np.int32)[rows]
+
+
+def _seconds(rows: Steps, columns: Columns) -> Float[Array, " N"]:
+    """The first column of time whose unit is known in seconds; NaN where it has no value."""
+    table = rows.read([*columns.orders, *columns.times])
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        values = flat.order_values(column.drop_null())
+        if values is not None and len(values) and (unit := unit_of(name, column.type, values)) is not None:
+            if flat.kind_of_type(column.type) == "time":
+                column = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64())
+            return np.asarray(column.cast(pa.float64(), safe=False).to_numpy()) * unit
+    said = "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"
+    raise DataError(f"{columns.source}: {said} <option>; make one of times in texts.", "order")

@@ -22,12 +22,22 @@ from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids
 from rpil.formats.dataset import Dataset, Layout
 from rpil.formats.description import Description, commas, left_out_lines
 from rpil.formats.format import Defect, StepTables
+from rpil.formats.metadata import (
+    Clock,
+    Metadata,
+    Origin,
+    Times,
+    clock_columns,
+    different,
+    find_clock,
+    find_facts,
+    pairs_of,
+    tasks_of,
+)
 from rpil.formats.places import find_places
 from rpil.formats.scan import Scan, scan
 from rpil.formats.steps import ArrowFile, Steps
 from rpil.formats.table import end_to_end, numbers_or_missing
-from rpil.formats.table_facts import Metadata, Origin, different, find_facts, pairs_of, tasks_of
-from rpil.formats.times import Clock, Times, clock_columns, find_clock
 from rpil.numerics.types import Array, Bool
 
 
@@ -150,11 +160,19 @@ class Recording:
         found, steps, layout = self.found, self.steps, replace(self.found.layout, allows_missing=options.allow_missing)
         if found.fault is not None and (found.kind == "refused" or not options.allow_missing):
             raise found.fault
-        classes = found.classes
+        classes, n = found.classes, len(layout.action_names)
         if found.fault is not None and layout.action.kind in "iu":  # numbers with gaps are no classes
             layout, classes = replace(layout, action=np.dtype(np.float64), n_parts=1), np.empty(0)
         data = Dataset(
-            steps.ids, steps.offsets, steps.source, steps, layout, classes, *found.action_range, options.memory
+            steps.ids,
+            steps.offsets,
+            steps.source,
+            steps,
+            layout,
+            classes,
+            found.low[:n],
+            found.high[:n],
+            options.memory,
         )
         if not options.allow_missing:
             data.refuse_faulty(found.faulty)
@@ -262,8 +280,8 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: Origin, clock
         task_column=columns.task,
         tasks=different(tasks, metadata.tasks),
         ignored={**columns.ignored, **times, **videos, **layout.left_out, **origin.ignored},
-        missing=found.missing,
-        ranges=found.ranges(),
+        missing=found.missing_values(),
+        ranges=found.by_number(found.low, found.high),
         outcomes={name: f"--outcome {shlex.quote(name)}" for name in columns.outcomes},
         notes=(
             *_notes_on(steps, columns.episode, found, metadata.fps, recorded),
@@ -280,7 +298,8 @@ def _notes_on(steps: Steps, ids: str, found: Scan, declared: float | None, recor
         yield f"Each demonstration has one step: is {ids} the right column of the demonstration?"
     if declared and recorded and abs(recorded - declared) > 0.01 * declared:
         yield f"{declared:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}."
-    if constant := found.constant():
+    flags = found.by_number(found.within & (found.low < found.high)) if len(steps.ids) < len(steps) else {}
+    if constant := [name for name in found.layout.observation_names if flags.get(name) == (True,)]:
         named = (f"observation {name}" if name.isdecimal() else name for name in constant)
         yield f"Constant in each demonstration: {commas(named)}; exclude what nobody could see."
 

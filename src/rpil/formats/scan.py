@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
@@ -45,12 +45,9 @@ class Scan:
     repeats, clocks : set of str, dict of str to float
         Columns of observations that may be left out: that repeat the action of the step before, and that grow by a
         constant in every step, which is infinite before the first.
-    missing : dict of str to int
-        Missing values by column.
-    low, high : dict of str to array
-        Smallest and largest of the numbers (K,) of a column.
-    within : dict of str to array
-        Whether each number of a column is the same within every demonstration, (K,).
+    missing, low, high, within : (K,) arrays
+        Of each number of an action and an observation: how often it is missing, its smallest and largest value, and
+        whether it is the same within every demonstration.
     faulty : set of int
         Numbers of the demonstrations in which a value is missing or infinite.
     """
@@ -63,65 +60,45 @@ class Scan:
     left_out: dict[str, str] = field(default_factory=dict)
     repeats: set[str] = field(default_factory=set)
     clocks: dict[str, float] = field(default_factory=dict)
-    missing: dict[str, int] = field(default_factory=dict)
-    low: dict[str, Array] = field(default_factory=dict)
-    high: dict[str, Array] = field(default_factory=dict)
-    within: dict[str, Array] = field(default_factory=dict)
     faulty: set[int] = field(default_factory=set)
     _is_whole: bool = True
     _n_changes: int = 0
 
+    def __post_init__(self) -> None:
+        self._read = (*self.layout.actions, *self.layout.observations)
+        n = sum(len(one.parts) for one in self._read)
+        self.missing, self.within = np.zeros(n, int), np.ones(n, bool)
+        self.low, self.high = np.full(n, np.nan), np.full(n, np.nan)
+
     def add(self, table: pa.Table, owners: Array, at: Place) -> None:
         """Add the steps of whole demonstrations, whose numbers the `owners` (N,) are."""
-        same, read = owners[1:] == owners[:-1], {}
-        for one in (*self.layout.actions, *self.layout.observations):
-            name, values, low = one.name, flat.numbers_or_missing(table[one.name]), self.low.get(one.name)
-            values = None if values is None else one.cut(values)
-            n_missing = table[name].null_count if values is None else int(np.isnan(values).sum())
-            if n_missing:
-                self.missing[name] = self.missing.get(name, 0) + n_missing
-            if values is None or (low is not None and len(low) != values.shape[1]):
-                faulty = flat.faulty_rows(table[name], None if low is None else len(low), one.mask)
-                self.faulty.update(owners[faulty].tolist())
-                self.clocks.pop(name, None)
-            elif values.size:
-                self._add(name, values, same)
-                read[name] = values
-                if n_missing or not np.isfinite([self.low[name], self.high[name]]).all():
-                    self.faulty.update(owners[~np.isfinite(values).all(axis=1)].tolist())
-        self._compare(read, same)
+        same = owners[1:] == owners[:-1]
+        read = {one.name: one.cut(flat.padded(table[one.name], one.width)) for one in self._read}
+        values = np.concatenate([*read.values()], axis=1, dtype=float).T.copy()  # in which numbers are compared fast
+        self.missing += np.isnan(values).sum(axis=1)
+        self.low = np.fmin(self.low, np.fmin.reduce(values, axis=1))
+        self.high = np.fmax(self.high, np.fmax.reduce(values, axis=1))
+        self.within &= ((values[:, 1:] == values[:, :-1]) | ~same).all(axis=1)
+        self.faulty.update(owners[~np.isfinite(values).all(axis=0)].tolist())
+        for name in [*self.clocks] if same.any() else ():
+            self._follow_clock(name, *(own[same] for own in (read[name][1:], read[name][:-1])))
+        actions = np.concatenate([read[one.name] for one in self.layout.actions], axis=1)
+        before = actions[:-1][same]
+        same_values = ((name, read[name][1:][same]) for name in self.repeats)
+        with np.errstate(invalid="ignore"):  # actions of damaged files need not be whole
+            self.repeats = {name for name, now in same_values if np.array_equal(now, before.astype(now.dtype))}
+        self._n_changes += int((before != actions[1:][same]).any(axis=1).sum())
         if not self.layout.n_parts:
             self._add_action(table, at)
 
-    def _add(self, name: str, values: Array, same: Array) -> None:
-        columns = np.ascontiguousarray(values.T)  # in which numbers are compared fast
-        low, high = np.fmin.reduce(columns, axis=1), np.fmax.reduce(columns, axis=1)
-        self.low[name] = np.fmin(self.low.get(name, low), low)
-        self.high[name] = np.fmax(self.high.get(name, high), high)
-        within = self.within.get(name, np.ones(len(columns), dtype=bool))
-        if within.any():
-            within = within & ((columns[:, 1:] == columns[:, :-1]) | ~same).all(axis=1)
-        self.within[name] = within
-        if name in self.clocks and same.any():  # strike out what does not grow by its constant, but for rounding
-            with np.errstate(invalid="ignore"):
-                grown = np.subtract(values[1:], values[:-1], dtype=float)[same]
-                step = self.clocks[name] = min(self.clocks[name], float(grown[0, 0]))
-                near = _ROUNDING * step + float(2 * np.spacing(np.abs(values[1:][same]).max()))
-                if not 4 * near < step < inf or not (np.abs(grown - step) <= near).all():
-                    del self.clocks[name]
-
-    def _compare(self, read: Mapping[str, Array], same: Array) -> None:
-        """Strike out `repeats` in which a step, that begins no demonstration, differs from the action before it."""
-        names = [one.name for one in self.layout.actions]
-        if not self.repeats.issubset(read) or not read.keys() >= {*names}:
-            self.repeats = set()
-        if self.repeats:
-            actions = np.concatenate([read[name] for name in names], axis=1)
-            before = actions[:-1][same]
-            same_values = ((name, read[name][1:][same]) for name in self.repeats)
-            with np.errstate(invalid="ignore"):  # actions of damaged files need not be whole
-                self.repeats = {name for name, now in same_values if np.array_equal(now, before.astype(now.dtype))}
-            self._n_changes += int((before != actions[1:][same]).any(axis=1).sum())
+    def _follow_clock(self, name: str, values: Array, before: Array) -> None:
+        """Strike out a clock that does not grow by its constant, but for the rounding of its numbers."""
+        with np.errstate(invalid="ignore"):
+            grown, rounding = np.subtract(values, before, dtype=float), 2 * np.spacing(np.abs(values).max())
+            step = self.clocks[name] = min(self.clocks[name], float(grown[0, 0]))
+            near = _ROUNDING * step + float(rounding)
+            if not 4 * near < step < inf or not (np.abs(grown - step) <= near).all():
+                del self.clocks[name]
 
     def _add_action(self, table: pa.Table, at: Place) -> None:
         """Add the actions of one column, but for those that are missing."""
@@ -150,11 +127,12 @@ class Scan:
         repeats = sorted(self.repeats) if self._n_changes >= _FEW_STEPS else []
         found = dict.fromkeys(repeats, "it repeats the last action") | dict.fromkeys(self.clocks, TIME_OF_STEP)
         self.left_out = found if len(found) < len(self.layout.observations) else {}
-        self.missing = {name: n for name, n in self.missing.items() if name not in self.left_out}
+        kinds = [value_type(steps.table.schema.field(one.name).type).kind for one in self._read for _ in one.parts]
+        self.low[np.array(kinds) == "U"] = np.nan  # texts have no range
         left = [one for one in self.layout.observations if one.name not in self.left_out]
         self.layout = layout = replace(self.layout, observations=tuple(left))
         if layout.n_parts:
-            self._refuse_parts(steps)
+            self._refuse_parts(steps.source, kinds)
             return
         is_text, wanted = layout.action.kind == "U", layout.action_kind
         try:
@@ -169,38 +147,31 @@ class Scan:
             action = np.dtype(np.float32 if layout.action == np.float32 else np.float64)
             self.layout = replace(layout, action=action, n_parts=1)
 
-    def _refuse_parts(self, steps: Steps) -> None:
+    def _refuse_parts(self, source: str, kinds: Sequence[str]) -> None:
         """Refuse actions of several numbers or texts where not all are numbers, or they are to be discrete."""
-        layout, schema = self.layout, steps.table.schema
-        kinds = {part: value_type(schema.field(one.name).type).kind for one in layout.actions for part in one.parts}
-        texts = [part for part, kind in kinds.items() if kind == "U"]
+        layout = self.layout
+        texts = [part for part, kind in zip(layout.action_names, kinds, strict=False) if kind == "U"]
         if layout.n_parts == 1 or not (texts or layout.action_kind == "discrete"):
             parts = f"{layout.n_parts} numbers"
             self.kind, self.reason = "continuous", parts if layout.n_parts > 1 else "a column of a continuous action"
             return
-        own = (texts, "text"), ([part for part in kinds if part not in texts], "numbers")
+        own = (texts, "text"), ([part for part in layout.action_names if part not in texts], "numbers")
         said = ", ".join(f"{commas(names)} ({what})" for names, what in own if names)
         self.kind, self.reason = "refused", f"the action has several parts: {said}"
-        self.fault = DataError(f"{steps.source}: {self.reason}; name the part to judge with <option>.", "action")
+        self.fault = DataError(f"{source}: {self.reason}; name the part to judge with <option>.", "action")
 
-    @property
-    def action_range(self) -> tuple[Array, Array]:
-        """Smallest and largest continuous actions, (A,) each."""
-        names = [one.name for one in self.layout.actions]
-        low, high = ([ends.get(name, np.full(1, np.nan)) for name in names] for ends in (self.low, self.high))
-        return np.concatenate(low, dtype=float), np.concatenate(high, dtype=float)
+    def by_number(self, *arrays: Array) -> dict[str, tuple[float, ...]]:
+        """Values of `arrays` (K,) by the names of the numbers that are there, without those of columns left out."""
+        each = [(one.name, part) for one in self._read for part in one.parts]
+        there = (self.low == self.low) & [name not in self.left_out for name, _ in each]
+        columns = zip(*(values.tolist() for values in arrays), strict=True)
+        return {part: own for (_, part), own, is_there in zip(each, columns, there, strict=True) if is_there}
 
-    def ranges(self) -> dict[str, tuple[float, float]]:
-        """Smallest and largest of the numbers that are there."""
-        there = [one for one in (*self.layout.actions, *self.layout.observations) if one.name in self.low]
-        found = ((one.parts, self.low[one.name].tolist(), self.high[one.name].tolist()) for one in there)
-        return {name: (a, b) for parts in found for name, a, b in zip(*parts, strict=True) if a == a}
-
-    def constant(self) -> list[str]:
-        """Names of the numbers of observations that differ between demonstrations, and never within one."""
-        own = [one for one in self.layout.observations if one.name in self.within]
-        found = ((one.parts, self.within[one.name] & (self.low[one.name] < self.high[one.name])) for one in own)
-        return [name for parts, are in found for name, is_one in zip(parts, are, strict=True) if is_one]
+    def missing_values(self) -> dict[str, int]:
+        """How many values are missing, by the column, without those that are left out."""
+        ends = np.cumsum([len(one.parts) for one in self._read])[:-1]
+        found = {one.name: int(n.sum()) for one, n in zip(self._read, np.split(self.missing, ends), strict=True)}
+        return {name: n for name, n in found.items() if n and name not in self.left_out}
 
 
 def scan(steps: Steps, layout: Layout, columns: Columns) -> Scan:
@@ -217,6 +188,4 @@ def scan(steps: Steps, layout: Layout, columns: Columns) -> Scan:
         owners = np.repeat(np.arange(first, end), lengths[first:end])
         found.add(steps.read(layout.columns, rows), owners, partial(steps.place_of, rows.start))
     found.finish(steps)
-    if lengths.max(initial=1) < 2:  # no demonstration has a second step
-        found.within.clear()
     return found

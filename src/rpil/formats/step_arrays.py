@@ -16,11 +16,11 @@ from rpil.data.errors import DataError
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
-from rpil.formats.columns import ColumnOptions, Kind
+from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import StepTables
-from rpil.formats.table import BATCH_ROWS
-from rpil.formats.table_facts import Metadata, Origin
+from rpil.formats.metadata import Metadata, Origin
+from rpil.formats.table import BATCH_ROWS, Kind
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:

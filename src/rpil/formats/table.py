@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
@@ -15,8 +15,10 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.memory import check_memory
 from rpil.data.names import EPISODE, STEP, action_columns, quoted, short_name
-from rpil.formats.columns import Kind
 from rpil.numerics.types import Array
+
+Kind = Literal["number", "list", "text", "written list", "mixed", "time", "counter", "empty", "nested"]
+"""Of a column's values; "mixed" is text in the place of some numbers, "counter" the number of the row."""
 
 Place = Callable[[int], str]
 """The place of a row of a table in messages: its file, demonstration and number."""
@@ -259,19 +261,15 @@ def order_values(column: pa.ChunkedArray) -> Array | None:
     return values if values.dtype.kind in "iu" or (values.dtype.kind == "f" and np.isfinite(values).all()) else None
 
 
-def faulty_rows(column: pa.ChunkedArray, width: int | None, mask: Array | None) -> Array:
-    """Whether each row, (N,), of texts has none; or of lists has not `width` numbers, by default as many as the first.
-
-    Nor may a number in a list be missing or infinite, but for those that are not in the `mask`, if there is one.
-    """
-    if kind_of_type(column.type) != "list":
-        return np.array(column.is_null().to_numpy(), dtype=bool)
-    lists = column.to_pylist()
-    if mask is None:
-        mask = np.ones(width or next((len(row) for row in lists if row is not None), 0), dtype=bool)
-    missing = [float("nan")] * (len(mask) + 1)
-    numbers = (np.array(missing if row is None else row, dtype=float) for row in lists)
-    return np.array([len(row) != len(mask) or not np.isfinite(row[mask]).all() for row in numbers], dtype=bool)
+def padded(column: pa.ChunkedArray, width: int) -> Array:
+    """A column as (N, width) numbers, with NaN where a number, or list of as many, is missing; texts are 0 or NaN."""
+    values = numbers_or_missing(column)
+    if values is not None and values.shape[1] == width:
+        return values
+    if kind_of_type(column.type) == "list":
+        lists = (row if row is not None and len(row) == width else [None] * width for row in column.to_pylist())
+        return np.array([*lists], dtype=float).reshape(-1, width)
+    return np.where(column.is_null().to_numpy(), np.nan, 0.0)[:, None]
 
 
 def _is_list(kind: pa.DataType) -> bool:

@@ -14,7 +14,6 @@ from problems import refused
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import ColumnOptions
-from rpil.formats.arrow import read_frame
 from samples import LENGTHS, OWNERS, SAMPLES, STATES, lerobot, table
 
 SUCCESS = np.array([0, 0, 0, 1, *[0] * 6, *[0] * 4, 1])
@@ -139,7 +138,7 @@ def test_a_column_that_is_called_like_an_outcome_may_have_another_role(tmp_path,
         write_table(path, frame)
     options = ColumnOptions(**{role: "score"})
     source = frame if suffix == "frame" else path
-    read = read_frame(source, options) if suffix == "frame" else formats.read_recording(path, options, on_disk=on_disk)
+    read = formats.read_recording(source if suffix == "frame" else path, options, on_disk=on_disk)
     np.testing.assert_array_equal([*map(str, read.demonstrations.ids)], ["0", "1", "2"])
     assert [*read.description.outcomes] == ["success"]
     said = {"operator": read.operators, "task": read.tasks}.get(role)
@@ -160,7 +159,7 @@ def test_a_flag_is_no_id(tmp_path, name, values):
         with refused(said):
             formats.read_recording(tmp_path / file, ColumnOptions(id=name), on_disk=on_disk)
     with pytest.raises(DataError, match=said):
-        read_frame(frame, ColumnOptions(id=name))
+        formats.read_recording(frame, ColumnOptions(id=name))
     np.savez(tmp_path / "a.npz", observations=STATES[:15], actions=OWNERS, **{name: rows[:15] == 1})
     with pytest.raises(DataError, match=f"column '{name}' is yes or no"):
         formats.read(tmp_path / "a.npz", id=name)
