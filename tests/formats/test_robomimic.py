@@ -147,13 +147,12 @@ def test_the_time_of_the_simulator_is_no_observation(tmp_path):
     with h5py.File(path, "r+") as file:
         for demo in file["data"].values():
             demo["states"][:, 0] = 0.3 + 0.05 * np.arange(len(demo["actions"]))
-    for on_disk in (False, True):
-        recording = formats.read_recording(path, on_disk=on_disk)
-        assert recording.describe().observations == tuple(f"states.{k}" for k in range(1, 32))
-        assert recording.describe().ignored["states.0"] == "simulation time"
-        with h5py.File(path) as file:
-            found = recording.demonstrations.select(slice(0, 1)).observations
-            np.testing.assert_array_equal(found, file["data/demo_0/states"][:, 1:])
+    recording = formats.read_recording(path)
+    assert recording.describe().observations == tuple(f"states.{k}" for k in range(1, 32))
+    assert recording.describe().ignored["states.0"] == "simulation time"
+    with h5py.File(path) as file:
+        found = recording.demonstrations.select(slice(0, 1)).observations
+        np.testing.assert_array_equal(found, file["data/demo_0/states"][:, 1:])
     assert formats.read_recording(path, ColumnOptions(observations="states")).demonstrations.n_observations == 32
 
 

@@ -133,12 +133,10 @@ class _Search:
         parts = self.parts(name for name in (*other_ids, operator, task) if name)
         found = Columns(
             *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, parts, operator, task),
-            *(ignored, options.action_kind, order is not None, self.times(ignored), session, outcome),
+            *(ignored, options, self.times(ignored), session, outcome),
             chosen_parts=self.chosen_parts,
             excluded_parts=self.excluded_parts,
             source=self.source,
-            observations_given=bool(asked),
-            allows_missing=options.allow_missing or options.skip_bad is True,
             id_chosen=options.id is not None or "id" in self.guessed,
             guessed=self.guessed,
             made=() if episode in self.kinds or episode == default_id else (STRETCH,),

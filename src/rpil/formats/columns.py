@@ -137,8 +137,7 @@ class Columns:
     operator: str | None = None
     task: str | None = None
     ignored: Mapping[str, str] = field(default_factory=dict, compare=False)  # name -> reason
-    action_kind: ActionKind = "auto"
-    order_given: bool = False
+    options: ColumnOptions = field(default=ColumnOptions(), compare=False)
     times: tuple[str, ...] = ()  # timestamps that are neither data nor the order
     session: str | None = None  # or FILE_SESSION
     outcome: str | None = None  # or LENGTH; with a minus where more is worse
@@ -147,8 +146,6 @@ class Columns:
     chosen_parts: Mapping[str, Names] = field(default_factory=dict, compare=False)
     excluded_parts: Mapping[str, bool] = field(default_factory=dict, compare=False)  # pattern -> also names columns
     source: str = field(default="", compare=False)  # in messages
-    observations_given: bool = False
-    allows_missing: bool = False
     id_chosen: bool = False  # by the user, or by a guess, and not by its name
     guessed: Mapping[str, str] = field(default_factory=dict, compare=False)  # option -> columns
     made: tuple[str, ...] = ()  # columns that are not in the rows of the file yet

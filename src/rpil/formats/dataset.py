@@ -84,9 +84,10 @@ class Layout:
         own_type = value_type(table[first.name].type)
         is_list_of_floats = own_type.kind == "f" and flat.kind_of_type(table[first.name].type) == "list"
         may_be_class = columns.one_action and first.mask is None and not is_list_of_floats
-        if n_parts == 1 and (may_be_class or columns.action_kind == "discrete"):
+        if n_parts == 1 and (may_be_class or columns.options.action_kind == "discrete"):
             n_parts, action = 0, action if own_type.kind == "f" else own_type
-        asked = columns.allows_missing, columns.action_kind
+        allows_missing = columns.options.allow_missing or columns.options.skip_bad is True
+        asked = allows_missing, columns.options.action_kind
         return cls(observations, actions, observation, action, n_parts, chosen.left_out, *asked)
 
     @property
@@ -145,7 +146,11 @@ class _Chosen:
     def of(self, table: pa.Table, names: Sequence[str], joints: Mapping[str, Sequence[str]]) -> tuple[Column, ...]:
         """The columns of these `names` of which a number is read."""
         found, first = [], 0
-        widths = {name: _width(table[name]) for name in names}
+        kinds = {name: flat.kind_of_type(table[name].type) for name in names}
+        lists = {
+            name: next((row for row in table[name] if row.is_valid), [None]) for name in names if kinds[name] == "list"
+        }
+        widths = {name: len(lists.get(name, [None])) for name in names}
         parts = flat.part_names(widths, joints)
         self.known += parts
         for name, width in widths.items():
@@ -177,14 +182,6 @@ class _Chosen:
                 f"<option> or <option> (found {quoted(close)}).",
                 ("exclude", "observations", "action"),
             )
-
-
-def _width(column: pa.ChunkedArray) -> int:
-    """Numbers in a row, by the first that has a value."""
-    if flat.kind_of_type(column.type) != "list":
-        return 1
-    first = next((value for value in column if value.is_valid), None)
-    return 1 if first is None else len(first)
 
 
 def value_type(kind: pa.DataType) -> np.dtype[np.generic]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Set
 from contextlib import suppress
 from dataclasses import replace
@@ -26,7 +25,6 @@ from rpil.formats.format import Format, StepTables, from_arrow, keep_one_file, p
 from rpil.formats.table_folder import has_tables
 
 JSON_SUFFIXES = (".jsonl", ".ndjson", ".catalog")
-_PICTURE = r"(?i)\.(jpe?g|png)$"
 _MEMORY_OF_BYTE = 4  # of a file whose numbers have four characters
 _LARGEST_BLOCK = (1 << 31) - 1
 _NO_LINES = "no lines of JSON, or damaged or truncated ones", "write an object of the same kind on each line"
@@ -73,32 +71,8 @@ def _files(path: Path) -> list[Path]:
 def _parsed(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
     """A row for each object in the lines of a file, with the number of its line, and the lines that are skipped.
 
-    A `DataError` where a line holds no object, or several, or names an empty picture, and the options do not skip it.
+    A `DataError` where a line holds no object, or several, and the options do not skip it.
     """
-    table, damaged = _records(file, options)
-    is_empty = _names_empty_picture(file.parent, table)
-    empty = table[_LINE].filter(is_empty).to_pylist()
-    if empty and not options.skip_bad:
-        raise damaged_lines(file.name, [f"line {number:,}: the picture that it names is empty" for number in empty])
-    return table.filter(pc.invert(is_empty)), damaged + empty
-
-
-def _names_empty_picture(folder: Path, table: pa.Table) -> pa.BooleanArray:
-    """Whether a text of each row names a picture of 0 bytes in `folder` or in its folder ``images``."""
-    is_empty = pa.array(np.zeros(len(table), bool))
-    for field in table.schema:
-        if pa.types.is_string(field.type):
-            names = pc.replace_substring_regex(table[field.name].combine_chunks(), ".*/", "")
-            pictures = names.filter(pc.match_substring_regex(names, _PICTURE)).unique().to_pylist()
-            paths = [place / name for name in pictures for place in (folder, folder / "images")]
-            files = [path for path in paths if os.path.isfile(path)]  # Path.is_file raises where a name is too long
-            empty = [file.name for file in files if not (file.is_symlink() or file.stat().st_size)]
-            is_empty = pc.or_(is_empty, pc.is_in(names, pa.array(empty, pa.string())))
-    return is_empty
-
-
-def _records(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
-    """A row for each object in the lines of a file, and the lines without an object."""
     with guarded(file.name, *_NO_LINES):
         with held_bytes(file) as stream:
             lines, damaged = {number: line for number, line in enumerate(stream, 1) if line.strip()}, list[int]()

@@ -100,15 +100,15 @@ def find_facts(steps: Steps, columns: Columns, origin: Origin) -> Facts:
     A `DataError` where the column of the session or of the outcome, which the user names, cannot be one.
     """
     table = steps.read([*clock_columns(columns), *columns.facts])
-    files, order, order_source = steps.files(steps.offsets[:-1]), None, ""
+    files, order = steps.files(steps.offsets[:-1]), None
     are_numbers = plain_name(columns.episode) == EPISODE[0] and isinstance(steps.ids[0], int)
     if files and origin.metadata.version and are_numbers:  # LeRobot numbers them in their order
-        order, order_source = np.array(steps.ids, dtype=float), columns.episode
+        order = np.array(steps.ids, dtype=float)
     elif files:
-        order, order_source = start_times({name: table[name] for name in clock_columns(columns)}, steps.offsets)
+        order = start_times({name: table[name] for name in clock_columns(columns)}, steps.offsets)
     sessions = () if columns.session is None else _sessions(table, columns.session, steps, files)
     outcome = None if columns.outcome is None else _outcome(table, columns, steps.offsets, origin.source)
-    return Facts(order, order_source, sessions, outcome, columns.outcome or "")
+    return Facts(order, sessions, outcome, columns.outcome or "")
 
 
 def _sessions(table: pa.Table, name: str, steps: Steps, files: Sequence[str]) -> tuple[str, ...]:
@@ -281,17 +281,17 @@ def unit_of(name: str, kind: pa.DataType, values: Array) -> float | None:
     return 1.0 if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)) else None
 
 
-def start_times(columns: Mapping[str, pa.ChunkedArray], offsets: Array) -> tuple[Array | None, str]:
-    """When each demonstration starts, and the first of the `columns` in which each has a wall-clock time of its own.
+def start_times(columns: Mapping[str, pa.ChunkedArray], offsets: Array) -> Array | None:
+    """When each demonstration starts, by the first of the `columns` in which each has a wall-clock time of its own.
 
-    The columns are in the order of the demonstrations. None, and no name, where none has: clocks that begin anew with
-    each demonstration, or with the recorder, do not tell which demonstration came first.
+    The columns are in the order of the demonstrations. None where none has: clocks that begin anew with each
+    demonstration, or with the recorder, do not tell which demonstration came first.
     """
     for name, column in columns.items():
         seconds = _since_1970(name, column)
         if seconds is not None and len(np.unique(starts := seconds[offsets[:-1]])) == len(starts):
-            return starts.astype(float), name
-    return None, ""
+            return starts.astype(float)
+    return None
 
 
 def _since_1970(name: str, column: pa.ChunkedArray) -> Array | None:

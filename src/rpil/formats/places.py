@@ -15,7 +15,7 @@ from rpil.data.arrays import Id, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
 from rpil.data.names import is_order, is_outcome
 from rpil.formats import table as flat
-from rpil.formats.columns import ColumnOptions, Columns
+from rpil.formats.columns import Columns
 from rpil.formats.metadata import unit_of
 from rpil.formats.steps import Steps
 from rpil.formats.table import Place
@@ -25,7 +25,7 @@ _WHOLE_NUMBER = re.compile(r"0|-?[1-9]\d{0,18}")
 _FILE_ORDER = "steps in the order of the file"
 
 
-def find_places(rows: Steps, columns: Columns, options: ColumnOptions) -> tuple[Steps, Columns]:
+def find_places(rows: Steps, columns: Columns) -> tuple[Steps, Columns]:
     """The steps of each demonstration together and in order, and the columns with the one that gives the order.
 
     A `DataError` where ids are missing or unclear, or a demonstration is in two files.
@@ -33,8 +33,8 @@ def find_places(rows: Steps, columns: Columns, options: ColumnOptions) -> tuple[
     check_any(len(rows), rows.source)
     names_of, group = _ids(rows, columns)
     of_file = columns
-    if options.split_gap or options.segment:
-        names_of, group = shorter(names_of, group, rows, columns, options)
+    if columns.options.split_gap or columns.options.segment:
+        names_of, group = shorter(names_of, group, rows, columns)
         columns = replace(columns, parts=(), id_chosen=True)
     table = rows.read([*columns.orders, *columns.parts])
 
@@ -98,10 +98,10 @@ def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> t
             twice = np.flatnonzero((values[rows][1:] == values[rows][:-1]) & (group[rows][1:] == group[rows][:-1]))
             if not len(twice):
                 return name, f"steps sorted by {name}, because rows of the file are out of order", values
-            if columns.order_given:
+            if columns.options.order:
                 row = int(rows[twice[0] + 1])
                 raise DataError(f"{at(row)}: order column {name!r} repeats a value; name another, or leave it out.")
-        if columns.order_given:
+        if columns.options.order:
             raise DataError(f"{at(0)}: order column {name!r} needs a number or time in every row; name another.")
         fault = fault or f"{_FILE_ORDER}, because {name} has {said}"
     return None, fault or _FILE_ORDER, None
@@ -162,7 +162,7 @@ def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: str | 
 
 
 def shorter(
-    names: Sequence[Id], group: Int[Array, " N"], rows: Steps, columns: Columns, options: ColumnOptions
+    names: Sequence[Id], group: Int[Array, " N"], rows: Steps, columns: Columns
 ) -> tuple[list[Id], Int[Array, " N"]]:
     """The ids of the shorter demonstrations that the options make of those with these `names`, and the number of that
     of each row, as `group` is.
@@ -172,14 +172,14 @@ def shorter(
     "P01 [10, 20) s".
     """
     seconds, is_new = _seconds(rows, columns), columns.episode in columns.made
-    if gap := options.split_gap:
+    if gap := columns.options.split_gap:
         steps, counts, labels = np.diff(seconds, prepend=np.nan), Counter[int](), list[Id]()
         starts = (steps > gap) | (steps < 0) | (np.diff(group, prepend=-1) != 0)
         for k in group[starts].tolist():
             labels.append(counts[k] if is_new else f"{names[k]}-{counts[k]}")
             counts[k] += 1
         names, group = _numbered(labels, np.cumsum(starts) - 1)
-    if length := options.segment:
+    if length := columns.options.segment:
         if np.isnan(seconds).any():
             raise DataError(f"{columns.source}: the column of time lacks values; fill it in.")
         first = seconds[np.unique(group, return_index=True)[1]]

@@ -177,7 +177,7 @@ class Scan:
 def scan(steps: Steps, layout: Layout, columns: Columns) -> Scan:
     """Read all steps once."""
     found, lengths = Scan(layout), np.diff(steps.offsets)
-    if not columns.observations_given:
+    if not columns.options.observations:
         widths = {one.name: len(one.parts) for one in layout.observations}
         found.repeats = {name for name, width in widths.items() if width == max(layout.n_parts, 1)}
         if lengths.max(initial=1) > 2:  # any two numbers differ by a constant

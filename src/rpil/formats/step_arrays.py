@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.arrays import Id, check_any
 from rpil.data.errors import DataError
@@ -22,9 +23,6 @@ from rpil.formats.format import StepTables
 from rpil.formats.metadata import Metadata, Origin
 from rpil.formats.table import BATCH_ROWS, Kind
 from rpil.numerics.types import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 NO_STEPS, NOT_IN_FIRST = "not one value for each step", "not in the first demonstration"
 
@@ -104,8 +102,6 @@ def from_parts(
 
     A `DataError` where a column is not found or missing in a part, differs in shape, or takes too much memory.
     """
-    import pyarrow as pa
-
     empty = [str(part.about.get(id_column, k)) for k, part in enumerate(parts) if not part.n_steps]
     parts = [part for part in parts if part.n_steps]
     check_any(len(parts), source)
@@ -146,8 +142,6 @@ def without_steps(ids: Sequence[object]) -> tuple[str, ...]:
 
 def _kinds(part: Part) -> dict[str, Kind]:
     """The kind of every column by its type, and by its first values where it has one number a step."""
-    import pyarrow as pa
-
     kinds, head = {name: part.kind(name) for name in part.arrays}, {}
     for name in (name for name, kind in kinds.items() if kind == "number"):
         with suppress(DataError, OSError):  # of columns that are not read; of others it is said later
@@ -177,8 +171,6 @@ def _check(part: Part, first: Part, columns: Sequence[str], place: str) -> None:
 
 def _column(array: StoredArray, rows: slice, dtype: np.dtype[np.generic] | None) -> pa.Array:
     """One column of some steps: texts where there is no type, and lists of numbers where it has several a step."""
-    import pyarrow as pa
-
     values = np.asarray(array[rows])
     if dtype is None:
         texts = (value.decode() if isinstance(value, bytes) else str(value) for value in values.tolist())
