@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -124,11 +124,10 @@ def from_parts(
     types = {m: None if is_text(own[0]) else np.result_type(*map(_native_type, own)) for m, own in dtypes.items()}
     tables = (
         pa.table(
-            {m: _column(part.arrays[m], rows, types[m]) for m in steps}
-            | {m: pa.repeat(part.about[m], rows.stop - rows.start) for m in whole}
+            {m: _column([part.arrays[m][rows] for part, rows in pieces], types[m]) for m in steps}
+            | {m: pa.array([part.about[m] for part, _ in pieces]).take(_owners(pieces)) for m in whole}
         )
-        for part in parts
-        for rows in (slice(k, min(k + BATCH_ROWS, part.n_steps)) for k in range(0, part.n_steps, BATCH_ROWS))
+        for pieces in _batches(parts)
     )
     if longer := [name for name in steps if any(part.arrays[name].shape[0] > part.n_steps for part in parts)]:
         notes = (*notes, f"The last value of {commas(longer)}, which comes after the last action, is left out.")
@@ -169,9 +168,33 @@ def _check(part: Part, first: Part, columns: Sequence[str], place: str) -> None:
             raise DataError(f"{place}: {name!r} has {fault}, not one row of as many numbers for each; leave it out.")
 
 
-def _column(array: StoredArray, rows: slice, dtype: np.dtype[np.generic] | None) -> pa.Array:
+Pieces = Sequence[tuple[Part, slice]]
+"""Some steps of parts."""
+
+
+def _batches(parts: Sequence[Part]) -> Iterator[Pieces]:
+    """All steps, of which about as many go together as a table has rows."""
+    pieces, n_rows = list[tuple[Part, slice]](), 0
+    for part in parts:
+        for first in range(0, part.n_steps, BATCH_ROWS):
+            rows = slice(first, min(first + BATCH_ROWS, part.n_steps))
+            pieces.append((part, rows))
+            n_rows += rows.stop - first
+            if n_rows >= BATCH_ROWS:
+                yield pieces
+                pieces, n_rows = [], 0
+    if pieces:
+        yield pieces
+
+
+def _owners(pieces: Pieces) -> Array:
+    """The number of the piece of each step."""
+    return np.repeat(np.arange(len(pieces)), [rows.stop - rows.start for _, rows in pieces])
+
+
+def _column(pieces: Sequence[object], dtype: np.dtype[np.generic] | None) -> pa.Array:
     """One column of some steps: texts where there is no type, and lists of numbers where it has several a step."""
-    values = np.asarray(array[rows])
+    values = np.concatenate([np.asarray(one) for one in pieces])
     if dtype is None:
         texts = (value.decode() if isinstance(value, bytes) else str(value) for value in values.tolist())
         return pa.array(texts, pa.string())
