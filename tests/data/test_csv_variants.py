@@ -104,7 +104,7 @@ def test_files_of_a_folder_are_told_apart_by_their_whole_names(tmp_path, names):
 
 @pytest.mark.parametrize(
     ("columns", "other", "name"),
-    [({n: BASE[n] for n in BASE if n != "episode"}, "a.txt", "'a'"), (BASE, "b.csv", "0")],
+    [({n: BASE[n] for n in BASE if n != "episode"}, "a.tsv", "'a'"), (BASE, "b.csv", "0")],
 )
 def test_a_demonstration_in_two_files_is_refused(tmp_path, columns, other, name):
     for file in ("a.csv", other):

@@ -11,7 +11,7 @@ import rpil
 from rpil.data.errors import DataError
 from rpil.formats.array_layout import Arrays
 from rpil.formats.registry import find
-from samples import FRAMES, LENGTHS, MOVES, OWNERS, STATES
+from samples import LENGTHS, MOVES, OWNERS, STATES
 
 h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
 
@@ -299,11 +299,6 @@ def test_values_of_demonstrations_are_read_where_they_are_named(written):
     assert recording.operators == [("2", "c"), ("1", "a"), ("0", "b")]
     assert recording.describe().ignored["length"] == "not one value for each step"
     assert rpil.open(path).operators == []
-
-
-def test_matrices_and_single_actions_are_no_stacks(written):
-    arrays = {"obs": np.arange(N * 4.0).reshape(N, 2, 2), "actions": FRAMES % 2, "episode_index": OWNERS}
-    assert rpil.read(written(arrays)).lengths.tolist() == list(LENGTHS)
 
 
 def test_lengths_say_more_than_a_mask_of_which_index_is_the_time(written):

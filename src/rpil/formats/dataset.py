@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from typing import Literal, NamedTuple
@@ -283,7 +283,8 @@ class Dataset(DemonstrationSet):
         A shard can be sent to another process. Its blocks are those of `Demonstrations.shards`.
         """
         bounds = shard_bounds(self.offsets, n_shards, block_steps)
-        return [Shard(self.steps.part(one[0], one[-1]), self.layout, tuple(one)) for one in bounds]
+        steps = replace(self.steps, place=None, sizes={})  # which grow with the data, and serve messages alone
+        return [Shard(steps.part(one[0], one[-1]), self.layout, tuple(one)) for one in bounds]
 
     def refuse_faulty(self, numbers: Iterable[int]) -> None:
         """A `DataError` where a value of the demonstrations of these numbers is missing or infinite."""

@@ -281,7 +281,7 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: Origin, clock
         tasks=different(tasks, metadata.tasks),
         ignored={**columns.ignored, **times, **videos, **layout.left_out, **origin.ignored},
         missing=found.missing_values(),
-        ranges=found.by_number(found.low, found.high),
+        ranges=found.ranges(),
         outcomes={name: f"--outcome {shlex.quote(name)}" for name in columns.outcomes},
         notes=(
             *_notes_on(steps, columns.episode, found, metadata.fps, recorded),
@@ -298,8 +298,7 @@ def _notes_on(steps: Steps, ids: str, found: Scan, declared: float | None, recor
         yield f"Each demonstration has one step: is {ids} the right column of the demonstration?"
     if declared and recorded and abs(recorded - declared) > 0.01 * declared:
         yield f"{declared:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}."
-    flags = found.by_number(found.within & (found.low < found.high)) if len(steps.ids) < len(steps) else {}
-    if constant := [name for name in found.layout.observation_names if flags.get(name) == (True,)]:
+    if constant := found.constant(steps):
         named = (f"observation {name}" if name.isdecimal() else name for name in constant)
         yield f"Constant in each demonstration: {commas(named)}; exclude what nobody could see."
 

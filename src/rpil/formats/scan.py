@@ -160,12 +160,21 @@ class Scan:
         self.kind, self.reason = "refused", f"the action has several parts: {said}"
         self.fault = DataError(f"{source}: {self.reason}; name the part to judge with <option>.", "action")
 
-    def by_number(self, *arrays: Array) -> dict[str, tuple[float, ...]]:
-        """Values of `arrays` (K,) by the names of the numbers that are there, without those of columns left out."""
-        each = [(one.name, part) for one in self._read for part in one.parts]
-        there = (self.low == self.low) & [name not in self.left_out for name, _ in each]
-        columns = zip(*(values.tolist() for values in arrays), strict=True)
-        return {part: own for (_, part), own, is_there in zip(each, columns, there, strict=True) if is_there}
+    def _there(self) -> list[str]:
+        """The names of all numbers; empty those that are not there, or in columns that are left out."""
+        names = [part if one.name not in self.left_out else "" for one in self._read for part in one.parts]
+        return [name if low == low else "" for name, low in zip(names, self.low.tolist(), strict=True)]
+
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Smallest and largest of the numbers that are there."""
+        each = zip(self._there(), self.low.tolist(), self.high.tolist(), strict=True)
+        return {name: (low, high) for name, low, high in each if name}
+
+    def constant(self, steps: Steps) -> list[str]:
+        """Names of the numbers of observations that differ between demonstrations, and never within one."""
+        flags = (self.within & (self.low < self.high)).tolist() if len(steps.ids) < len(steps) else []
+        named = {name for name, is_constant in zip(self._there(), flags, strict=False) if is_constant}
+        return [name for name in self.layout.observation_names if name in named]
 
     def missing_values(self) -> dict[str, int]:
         """How many values are missing, by the column, without those that are left out."""
