@@ -21,7 +21,7 @@ def test_info_describes_a_file_in_words_and_as_json(folder):
     assert said["order_column"] == "step_index"
 
 
-def test_rows_that_lie_apart_are_put_together_where_they_fit_in_memory(tmp_path):
+def test_rows_that_lie_apart_are_put_together(tmp_path):
     rng, k = np.random.default_rng(0), np.arange(400)
     (tmp_path / "many").mkdir()
     table = pa.table(
@@ -38,10 +38,7 @@ def test_rows_that_lie_apart_are_put_together_where_they_fit_in_memory(tmp_path)
         json.loads(ok("check", path, "--format", "json").stdout) for path in (tmp_path / "many", tmp_path / "b.parquet")
     )
     assert found == expected
-    assert (
-        "sort them by episode, or allow more memory with --memory, which sorts them"
-        in call("info", tmp_path / "many", "--memory", "1kB").stderr
-    )
+    assert said in ok("info", tmp_path / "many", "--memory", "1kB").stdout
     shuffled = together.take(np.r_[25:50, 0:25, 50:400])
     pq.write_table(shuffled, tmp_path / "many" / "a.parquet")
     assert "steps sorted by frame_index, because rows" in ok("info", tmp_path / "many").stdout

@@ -10,7 +10,7 @@ import pytest
 import rpil
 from rpil import formats
 from rpil.data.cells import each_text, from_cell, to_cell
-from rpil.formats.columns_file import write_weights
+from rpil.formats import write_weights
 from rpil.formats.csv import write_tables
 from rpil.formats.registry import find
 from rpil.results.choice import read_verdicts

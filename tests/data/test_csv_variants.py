@@ -71,7 +71,7 @@ def assert_read(d, expected):
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_variants_are_read_as_meant(tmp_path, monkeypatch, variant):
-    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", 7)
+    monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 7)
     content, expected = VARIANTS[variant]
     (tmp_path / "a.csv").write_text(content, encoding="utf-8")
     assert_read(formats.read(tmp_path / "a.csv"), expected)
@@ -104,7 +104,7 @@ def test_files_of_a_folder_are_told_apart_by_their_whole_names(tmp_path, names):
 
 @pytest.mark.parametrize(
     ("columns", "other", "name"),
-    [({n: BASE[n] for n in BASE if n != "episode"}, "a.txt", "'a'"), (BASE, "b.csv", "0")],
+    [({n: BASE[n] for n in BASE if n != "episode"}, "a.tsv", "'a'"), (BASE, "b.csv", "0")],
 )
 def test_a_demonstration_in_two_files_is_refused(tmp_path, columns, other, name):
     for file in ("a.csv", other):

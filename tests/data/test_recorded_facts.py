@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from problems import refused
-from rpil.data.recorded_facts import Facts, check_outcome, check_sessions, given_order, given_outcome, outcome_of_steps
+from rpil.data.recorded_facts import check_outcome, check_sessions, given_outcome, outcome_of_steps
 
 OFFSETS, NAN = np.array([0, 3, 5, 9]), np.nan
 
@@ -36,17 +36,6 @@ def test_a_column_that_changes_and_is_neither_reward_nor_flag_is_no_outcome():
     assert of_steps([0, 1, 2, 0, 1, 0, 1, 2, 3], "score") is None
 
 
-def test_selected_facts_are_those_of_the_same_demonstrations():
-    facts = Facts(np.array([4.0, 2.0, 9.0]), "timestamp", ("a", "b", "a"), (np.array([1.0, NAN, 0.0]),), ("success",))
-    part = facts.select([2, 0])
-    np.testing.assert_array_equal(part.order, [9, 4])
-    np.testing.assert_array_equal(part.outcomes, [[0, 1]])
-    assert (part.sessions, part.order_source, part.outcome_names) == (("a", "a"), "timestamp", ("success",))
-    assert facts.select(np.array([False, True, False])).sessions == ("b",)
-    nothing = Facts().select([0])
-    assert (nothing.order, nothing.sessions, nothing.outcomes) == (None, (), ())
-
-
 @pytest.mark.parametrize(
     ("given", "words"),
     [
@@ -73,12 +62,6 @@ def test_outcomes_by_id_leave_others_unknown():
 def test_wrong_outcomes_are_refused(given, words):
     with refused(words):
         given_outcome(given, "abc", "a.csv")
-
-
-def test_a_place_that_is_missing_is_refused():
-    np.testing.assert_array_equal(given_order([2, 1, 3], "abc", "a"), [2, 1, 3])
-    with refused(r"demonstration 'b'.*nan"):
-        given_order([0, NAN, 1], "abc", "a.csv")
 
 
 @pytest.mark.parametrize(("sessions", "name"), [("abc", "day"), ("abc", "file"), ("aaa", "file")])

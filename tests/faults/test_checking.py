@@ -59,7 +59,7 @@ def test_from_disk_as_in_memory(tmp_path, monkeypatch):
     spiky[50, 0] += 100
     in_memory = demonstrations(changed(episodes, 7, observations=spiky))
     formats.write(tmp_path / "data.parquet", in_memory)
-    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", 500)
+    monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 500)
     on_disk = rpil.open(tmp_path / "data.parquet", on_disk=True).demonstrations
     found, expected = check(on_disk), check(in_memory)
     assert found.findings == expected.findings != ()

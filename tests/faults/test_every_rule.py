@@ -10,7 +10,7 @@ from rpil.faults.checking import check
 from rpil.faults.recorded import FOLDER_RULES
 from rpil.faults.report import RULES
 from rpil.faults.rule import Rule
-from rpil.formats.times import Times
+from rpil.formats.metadata import Times
 
 CLEAN = recording()
 M = 5  # the demonstration with the fault

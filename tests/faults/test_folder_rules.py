@@ -10,7 +10,7 @@ import rpil
 from recordings import demonstrations, recording
 from rpil.data.errors import DataError
 from rpil.faults.recorded import BY_LOOKING
-from rpil.formats.times import Times
+from rpil.formats.metadata import Times
 
 CLEAN = recording()
 LENGTHS = [len(x) for x, _ in CLEAN]

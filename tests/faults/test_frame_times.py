@@ -6,7 +6,7 @@ import numpy as np
 
 from recordings import changed, demonstrations, recording
 from rpil.faults.checking import check
-from rpil.formats.times import Times
+from rpil.formats.metadata import Times
 
 CLEAN = demonstrations(recording(5))
 

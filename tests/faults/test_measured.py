@@ -17,7 +17,7 @@ from rpil.faults.motion import Jump, RepeatedFrames, Scale, Spike
 from rpil.faults.recorded import find_frame_times
 from rpil.faults.rule import Learned
 from rpil.faults.whole_rules import Length
-from rpil.formats.times import Times
+from rpil.formats.metadata import Times
 
 RNG = np.random.default_rng(0)
 LENGTHS = (9, 1, 2, 3, 4, 12)

@@ -38,12 +38,6 @@ def test_a_file_of_several_demonstrations_is_not_read_as_one(tmp_path):
     assert formats.read(tmp_path).ids == ("walker",)
 
 
-def test_a_folder_of_tables_is_read_as_tables(tmp_path):
-    folder = aloha(tmp_path / "cube")
-    (folder / "steps.csv").write_text("episode,x,action\n1,0.5,0\n2,0.25,1\n")
-    assert formats.read(folder).ids == (1, 2)
-
-
 @pytest.fixture
 def folder(tmp_path):
     return samples.npz_folder(tmp_path)
@@ -121,13 +115,6 @@ def test_a_reward_of_each_step_is_one_also_where_there_is_one_step(tmp_path):
     np.savez(folder / "2.npz", observations=np.ones((3, 2)), actions=np.ones((3, 1)), rewards=2.0)
     with pytest.raises(DataError, match="demonstration '2': it has one 'rewards', and not every other has"):
         formats.read_recording(folder, formats.ColumnOptions(outcome="rewards"))
-
-
-def test_two_files_of_one_name_are_refused(tmp_path):
-    folder = aloha(tmp_path / "cube")
-    shutil.copy(folder / "episode_1.hdf5", folder / "episode_1.h5")
-    with pytest.raises(DataError, match=r"episode_1\.(h5|hdf5): another file here is of the same demonstration"):
-        formats.read(folder)
 
 
 def test_one_id_names_one_demonstration(folder):

@@ -11,7 +11,7 @@ import rpil
 from rpil.data.errors import DataError
 from rpil.formats.array_layout import Arrays
 from rpil.formats.registry import find
-from samples import FRAMES, LENGTHS, MOVES, OWNERS, STATES
+from samples import LENGTHS, MOVES, OWNERS, STATES
 
 h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
 
@@ -185,7 +185,6 @@ def test_arrays_that_do_not_fit_together_are_refused(written, arrays, message):
         rpil.read(written(arrays))
 
 
-@pytest.mark.parametrize("name", ["a.npz", "a.hdf5"])
 @pytest.mark.parametrize(
     ("ids", "said"),
     [
@@ -193,20 +192,11 @@ def test_arrays_that_do_not_fit_together_are_refused(written, arrays, message):
         ([True, True, False, False], "column 'episode_ids' is yes or no, and no id; where it marks the ends"),
     ],
 )
-def test_ids_that_are_none_are_named(tmp_path, name, ids, said):
+def test_ids_that_are_none_are_named(written, ids, said):
     arrays = {"observations": np.eye(4), "actions": np.array([0, 1, 0, 1]), "episode_ids": np.array(ids)}
-    if name == "a.npz":
-        np.savez(tmp_path / name, **arrays)
-    else:
-        with h5py.File(tmp_path / name, "w") as file:
-            for key, values in arrays.items():
-                file[key] = values
-    for use in (rpil.read, lambda path: find(path).keep(tmp_path / f"kept-{name}", [0])):
-        if use is not rpil.read and (name == "a.hdf5" or "yes or no" in said):  # of which nothing is written
-            continue
-        with pytest.raises(DataError, match=re.escape(said)) as caught:
-            use(tmp_path / name)
-        assert "damaged" not in str(caught.value)
+    with pytest.raises(DataError, match=re.escape(said)) as caught:
+        rpil.read(written(arrays))
+    assert "damaged" not in str(caught.value)
 
 
 def test_rows_with_a_history_and_ids_that_repeat_are_no_stacks():
@@ -309,11 +299,6 @@ def test_values_of_demonstrations_are_read_where_they_are_named(written):
     assert recording.operators == [("2", "c"), ("1", "a"), ("0", "b")]
     assert recording.describe().ignored["length"] == "not one value for each step"
     assert rpil.open(path).operators == []
-
-
-def test_matrices_and_single_actions_are_no_stacks(written):
-    arrays = {"obs": np.arange(N * 4.0).reshape(N, 2, 2), "actions": FRAMES % 2, "episode_index": OWNERS}
-    assert rpil.read(written(arrays)).lengths.tolist() == list(LENGTHS)
 
 
 def test_lengths_say_more_than_a_mask_of_which_index_is_the_time(written):

@@ -7,8 +7,6 @@ import pytest
 
 import rpil
 from rpil.data.errors import DataError
-from rpil.formats.columns import ColumnOptions
-from rpil.formats.recording import with_chosen
 
 N, T = 6, 8
 
@@ -144,9 +142,3 @@ def test_a_message_names_the_row_of_the_file(read):
     rows = table(**{"observation.x": pa.array([None if k == 20 else 1.0 for k in range(N * T)], pa.float64())})
     with pytest.raises(DataError, match="demonstration 2, row 21"):
         read(rows, without="1").demonstrations.select(slice(None))
-
-
-def test_a_recording_of_which_all_is_chosen_is_the_same():
-    whole = rpil.open(table())
-    assert with_chosen(whole, ColumnOptions(skip_bad=True)) is whole
-    assert whole.left_out == ()

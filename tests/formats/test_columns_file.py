@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.formats.columns_file import EXTENSIONS, write_columns
+from rpil.formats import EXTENSIONS, write_columns
 
 COLUMNS = {"id": ["a", "b"], "value": [1.5, np.inf]}
 

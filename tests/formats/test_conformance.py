@@ -144,7 +144,7 @@ def test_the_list_of_ids_is_written_of_every_format(name, path):
 
 def test_what_stays_on_disk_is_what_is_in_memory(path, monkeypatch):
     """In several batches of rows."""
-    for module in ("rows", "step_arrays"):
+    for module in ("steps", "step_arrays"):
         monkeypatch.setattr(f"rpil.formats.{module}.BATCH_ROWS", 7)
     assert_same_on_disk(path)
 

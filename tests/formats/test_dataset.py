@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -24,7 +23,7 @@ BLOCK_STEPS = 700
 @pytest.fixture(autouse=True)
 def small_batches(monkeypatch):
     """Hundreds of rows fill a batch."""
-    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", 130)
+    monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 130)
 
 
 def read_all(data):
@@ -127,22 +126,8 @@ def test_files_with_other_columns_or_of_another_kind_are_refused(tmp_path):
         rpil.open("https://a.org/x.csv", on_disk=True)
 
 
-def test_a_damaged_page_is_refused(tmp_path):
-    formats.write(tmp_path / "a.parquet", demonstrations())
-    data = rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations
-    content = bytearray((tmp_path / "a.parquet").read_bytes())
-    group = pq.read_metadata(tmp_path / "a.parquet").row_group(0)
-    columns = [group.column(c) for c in range(group.num_columns)]
-    (place,) = [column for column in columns if column.path_in_schema == "observation.0"]
-    content[place.data_page_offset + place.total_compressed_size - 40] ^= 4
-    (tmp_path / "a.parquet").write_bytes(content)
-    for use in (lambda _: read_all(data), partial(rpil.open, on_disk=True), rpil.read):
-        with pytest.raises(DataError, match=r"a.parquet: not a Parquet file, or a damaged"):
-            use(tmp_path / "a.parquet")
-
-
 def test_a_shard_can_be_pickled(tmp_path):
-    data = rpil.open(written(tmp_path), on_disk=True).demonstrations
+    data = rpil.open(written(tmp_path), on_disk=True, without=5).demonstrations  # whose rows have other numbers
     shard = data.shards(4, BLOCK_STEPS)[2]
     sent = pickle.dumps(shard)
     assert len(sent) < 4000

@@ -13,7 +13,7 @@ import pytest
 import rpil
 from command_line import call, ok, refused
 from rpil.data.errors import DataError
-from rpil.formats.guesses import guess_actions, guess_id
+from rpil.formats.columns import guess_actions, guess_id
 
 STEPS = 25
 

@@ -101,24 +101,3 @@ def test_a_return_within_an_object_ends_no_line(end, blank, tmp_path):
     (tmp_path / "labels.csv").write_text("id,label\n0,bad\n")
     ok("keep", tmp_path / "a.jsonl", "-o", tmp_path / "b.jsonl", "--verdicts", tmp_path / "labels.csv")
     assert (tmp_path / "b.jsonl").read_bytes() == b"".join(line + end for line in lines[5:])
-
-
-@pytest.mark.parametrize("place", ["", "images"])
-def test_a_line_that_names_an_empty_picture_is_damaged(tmp_path, place):
-    rows = [
-        {"episode": k // 20, "x": k / 7, "action": k % 3, "camera": f"{place}/{k}.jpg".strip("/")} for k in range(60)
-    ]
-    path, folder = write(tmp_path / "a.jsonl", rows), tmp_path / place
-    folder.mkdir(exist_ok=True)
-    for k in range(60):
-        (folder / f"{k}.jpg").write_bytes(b"" if k in (7, 8, 40) else b"JFIF")
-    (folder / "12.jpg").unlink()
-    (folder / "12.jpg").symlink_to("7.jpg")  # is not followed
-    with pytest.raises(DataError, match=r"^a\.jsonl, line 8: the picture that it names is empty, the first of 3 "):
-        rpil.read(path)
-    assert "Skipped, because damaged: lines 8-9, 41 of a.jsonl." in ok("info", path, "--skip-bad").stdout
-    with pytest.warns(UserWarning, match="lines 8-9, 41 of"):
-        assert rpil.read(path, skip_bad=True).lengths.tolist() == [18, 20, 19]
-    ok("keep", path, "-o", tmp_path / "kept.jsonl", "--skip-bad", "--only", "0,2")
-    kept = (tmp_path / "kept.jsonl").read_text().splitlines()
-    assert kept == [json.dumps(rows[k]) for k in range(60) if k // 20 != 1 and k not in (7, 8, 40)]

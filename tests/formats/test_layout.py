@@ -82,7 +82,7 @@ def test_what_is_missing_in_numbers_that_are_not_read_is_no_fault():
 
 
 def test_lists_of_another_length_in_a_later_batch_are_refused(monkeypatch):
-    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", 10)
+    monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 10)
     lists = [[1.0, float(k), 2.0][: 2 + (k >= 20)] for k in range(40)]
     rows = pa.table({"episode": np.repeat(range(4), 10), "obs": lists, "action": NUMBERS[:, 0]})
     with refused("demonstration 2, row 21: column 'obs' holds 3 numbers, not 2 as elsewhere"):

@@ -21,13 +21,12 @@ def without_videos(root, version):
     return folders.write(root, (5, 6, 7), version, cameras=())
 
 
-@pytest.mark.parametrize("on_disk", [False, True])
-def test_files_that_meta_does_not_list_are_left_out(tmp_path, on_disk):
+def test_files_that_meta_does_not_list_are_left_out(tmp_path):
     root = without_videos(tmp_path / "drive", "v2.1")
     stray = root / "data" / "chunk-001" / "episode_000002.parquet"
     stray.parent.mkdir()
     shutil.copy(root / "data" / "chunk-000" / "episode_000001.parquet", stray)
-    recording = formats.read_recording(root, on_disk=on_disk)
+    recording = formats.read_recording(root)
     assert recording.demonstrations.ids == (0, 1, 2)
     (note,) = recording.description.notes
     assert "data/chunk-001/episode_000002.parquet" in note
@@ -52,13 +51,12 @@ def test_meta_without_data_is_said(tmp_path, version, empty):
             use(root)
 
 
-@pytest.mark.parametrize("on_disk", [False, True])
-def test_pointers_of_git_lfs_are_named(tmp_path, on_disk):
+def test_pointers_of_git_lfs_are_named(tmp_path):
     root = without_videos(tmp_path / "drive", "v2.1")
     for file in [*(root / "data").rglob("*.parquet"), *(root / "meta").glob("*.jsonl")]:
         file.write_bytes(POINTER)
     with pytest.raises(DataError, match=r"episode_000000\.parquet: it is a pointer of Git LFS"):
-        formats.read_recording(root, on_disk=on_disk)
+        formats.read_recording(root)
     (tmp_path / "lift.npz").write_bytes(POINTER)
     with pytest.raises(DataError, match="pointer of Git LFS"):
         rpil.read(tmp_path / "lift.npz")

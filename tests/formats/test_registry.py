@@ -1,10 +1,14 @@
+import pytest
+
 import rpil
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
 from rpil.formats import registry
 from rpil.formats.format import Format
 from rpil.formats.recording import from_demonstrations
 from rpil.formats.registry import find
+from samples import assert_same_on_disk
 
 
 def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
@@ -24,3 +28,31 @@ def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
     find(mine).keep(tmp_path / "out.csv", [1])
     assert kept == [(mine, tmp_path / "out.csv", [1])]
     assert rpil.read(other).ids == (0,)
+
+
+PACKAGE = """
+import pyarrow as pa
+def steps(path):
+    for m, line in enumerate(path.read_text().split()):
+        x = [float(letter) for letter in line]
+        yield pa.table({"episode": [m] * len(x), "observation": x, "action": x, "note": ["?"] * len(x)})
+"""
+
+
+def test_another_package_adds_a_format(tmp_path, monkeypatch):
+    (tmp_path / "walks-1.dist-info").mkdir()
+    (tmp_path / "walks-1.dist-info" / "METADATA").write_text("Name: walks\nVersion: 1\n")
+    (tmp_path / "walks-1.dist-info" / "entry_points.txt").write_text("[rpil.formats]\n.walk = walks:steps\n")
+    (tmp_path / "walks.py").write_text(PACKAGE)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "a.walk").write_text("1234 5678 9012")
+    assert_same_on_disk(tmp_path / "a.walk")
+    recording = rpil.open(tmp_path / "a.walk", only="1-2")
+    assert recording.demonstrations.observations[:, 0].tolist() == [5, 6, 7, 8, 9, 0, 1, 2]
+    assert recording.describe().format == ".walk"
+    assert isinstance(rpil.open(tmp_path / "a.walk", memory="100").demonstrations, rpil.Dataset)
+    recording.keep(["2"], tmp_path / "ids.txt")
+    assert (tmp_path / "ids.txt").read_text() == "2\n"
+    (tmp_path / "b.walk").write_text("12 x")
+    with pytest.raises(DataError, match=r"b\.walk: .*could not convert"):
+        rpil.open(tmp_path / "b.walk")

@@ -12,7 +12,7 @@ from rpil import DataError
 
 def described(monkeypatch, batch=100, names=("moves", "last", "still"), last=None, **options):
     """Two demonstrations of 20 steps whose observation ``last`` is the action of the step before."""
-    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", batch)
+    monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", batch)
     action = np.random.default_rng(0).normal(size=(40, 2))
     before = np.concatenate([np.zeros((1, 2)), action[:-1]])
     before[20] = 0.0
@@ -71,7 +71,7 @@ def opened(parts, **options):
     ],
 )
 def test_several_columns_of_numbers_are_continuous(parts, options, reason, monkeypatch):
-    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", 7)
+    monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 7)
     recording = opened(parts, **options)
     said, found = recording.describe(), recording.demonstrations
     assert (said.action_kind, found.is_discrete) == ("continuous", False)
@@ -95,7 +95,7 @@ def test_several_columns_of_numbers_are_continuous(parts, options, reason, monke
     ],
 )
 def test_of_an_action_with_classes_among_its_parts_one_must_be_named(parts, options, said, monkeypatch):
-    monkeypatch.setattr("rpil.formats.rows.BATCH_ROWS", 7)
+    monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 7)
     recording = opened(parts, **options)
     with pytest.raises(DataError, match=r"^the frame: the action has several parts: ") as caught:
         len(recording.demonstrations)

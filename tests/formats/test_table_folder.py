@@ -34,7 +34,7 @@ def test_a_package_for_an_address_is_named(monkeypatch):
     ("name", "message"),
     [
         ("drive_0.mcap", r"a recording of ROS or MCAP \(drive_0.mcap\) is never opened.*choose one rate"),
-        ("drive.bag", "a recording of ROS or MCAP"),
+        ("drive.xlsx", r"a workbook \(drive.xlsx\) .*; export its table as CSV or Parquet"),
         ("kuka-train.tfrecord-00000-of-00002", "a data set of RLDS or TFDS .* with openx2lerobot"),
     ],
 )
@@ -55,23 +55,16 @@ def test_a_folder_of_lerobot_within_is_named(tmp_path):
         formats.read_recording(meta)
 
 
-def test_text_that_is_no_table_beside_tables_is_left_out_and_named(tmp_path):
+def test_text_beside_tables_is_left_out_and_named(tmp_path):
     table = "step,x,action\n" + "".join(f"{k},{k * k},{k % 2}\n" for k in range(6))
-    for folder, names in (("csv", ("a.csv", "b.csv", "c.txt")), ("txt", ("a.txt", "b.txt", "c.txt"))):
-        (tmp_path / folder).mkdir()
-        for name in names:
-            (tmp_path / folder / name).write_text(table)
-        (tmp_path / folder / "LICENSE.txt").write_text("Permission is granted.\nTo all, and to any.\n")
-        (tmp_path / "csv" / "intrinsics.npz").write_bytes(b"x")
-        recording = formats.read_recording(tmp_path / folder)
-        assert recording.ids == ("a", "b", "c")
-        ignored = recording.description.ignored
-        assert ignored["LICENSE.txt"] == "not read beside text tables"
-        assert ("intrinsics.npz" in ignored) == (folder == "csv")
-    (tmp_path / "csv" / "notes.txt").write_text("")
-    (tmp_path / "csv" / "labels.csv").write_text("id,label\na,good\n")
-    assert len(formats.read_recording(tmp_path / "csv").demonstrations) == 3
-    (tmp_path / "prose").mkdir()
-    (tmp_path / "prose" / "LOG.TXT").write_text("Tue Jul 29 16:44:36 2025\nWARNING: unstable\n")
-    with pytest.raises(DataError, match=r"no .parquet or .csv file is there, and LOG.TXT is no table of steps; check"):
-        formats.read_recording(tmp_path / "prose")
+    for name in ("a.txt", "b.txt"):
+        (tmp_path / name).write_text(table)
+    assert formats.read_recording(tmp_path).ids == ("a", "b")
+    for name in ("c.csv", "d.csv"):
+        (tmp_path / name).write_text(table)
+    (tmp_path / "labels.csv").write_text("id,label\na,good\n")
+    (tmp_path / "intrinsics.npz").write_bytes(b"x")
+    recording = formats.read_recording(tmp_path)
+    assert recording.ids == ("c", "d")
+    beside = dict.fromkeys(("a.txt", "b.txt", "labels.csv", "intrinsics.npz"), "not read beside text tables")
+    assert beside.items() <= recording.description.ignored.items()

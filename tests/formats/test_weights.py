@@ -11,7 +11,7 @@ import pytest
 from recorded import demonstrations
 from rpil.data.errors import DataError
 from rpil.data.run import run_id
-from rpil.formats.columns_file import write_weights
+from rpil.formats import write_weights
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
@@ -36,7 +36,7 @@ def test_each_step_has_its_weight_and_the_values_of_its_demonstration(tmp_path, 
 
 
 def test_weights_are_written_in_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr("rpil.formats.columns_file._BLOCK_STEPS", 1000)
+    monkeypatch.setattr("rpil.formats._BLOCK_STEPS", 1000)
     data = demonstrations()
     weight, each = np.random.default_rng(0).random(data.n_steps), np.arange(120.0)
     write_weights(tmp_path / "w.parquet", data.ids, data.offsets, weight, each, -each)

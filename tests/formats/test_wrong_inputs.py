@@ -58,17 +58,6 @@ def test_one_id_in_all_rows_is_named(tmp_path):
     refused("all steps are of demonstration 'P01', and one demonstration alone", *words)
 
 
-def test_the_columns_that_a_file_of_a_folder_lacks_are_named(tmp_path):
-    for name in "abc":
-        table(tmp_path / "drives" / f"{name}.csv", drive())
-    less = drive()
-    less.pop("pedal")
-    table(tmp_path / "drives" / "b.csv", less | {"brake": numbers()})
-    refused(
-        r"b\.csv: its columns are not those of a\.csv \(without 'pedal' and with 'brake'\)", "info", tmp_path / "drives"
-    )
-
-
 @pytest.mark.parametrize("name", ["frame.pkl", "frame.pickle"])
 def test_a_pickle_is_named_and_never_opened(name, tmp_path):
     (tmp_path / name).write_bytes(pickle.dumps({"episode": [1, 2]}))
@@ -85,11 +74,6 @@ def test_a_zip_file_of_a_table_is_to_be_unpacked(inside, tmp_path):
     with zipfile.ZipFile(tmp_path / "drive.zip", "w") as archive:
         archive.writestr(inside, "episode,x,action\n0,1,2\n")
     refused(r"drive\.zip: there is no meta/episode_ends .*, or unpack the file", "info", tmp_path / "drive.zip")
-
-
-def test_a_workbook_is_to_be_exported(tmp_path):
-    (tmp_path / "drive.xlsx").write_bytes(b"PK\x03\x04")
-    refused(r"a workbook \(drive\.xlsx\) .*; export its table as CSV or Parquet", "info", tmp_path / "drive.xlsx")
 
 
 def test_ids_of_many_digits_are_told_apart(tmp_path):
@@ -129,15 +113,10 @@ def test_headers_in_another_language_are_a_question(tmp_path):
     assert "12 demonstrations" in ok("info", path, "--action", "lenkung,winkel").stdout
 
 
-@pytest.mark.parametrize("suffix", ["csv", "parquet", "frame"])
+@pytest.mark.parametrize("suffix", ["csv", "frame"])
 def test_the_function_guesses_as_the_command_does(suffix, tmp_path):
     path = table(tmp_path / "a.csv", drive())
-    data = path
-    if suffix != "csv":
-        data = pa.csv.read_csv(path)
-    if suffix == "parquet":
-        pq.write_table(data, tmp_path / "a.parquet")
-        data = tmp_path / "a.parquet"
+    data = path if suffix == "csv" else pa.csv.read_csv(path)
     said = r"Guess: demonstrations by trip, action steer, pedal; to change it, give id= and action=\."
     with pytest.warns(DataWarning, match=said) as caught:
         audit = rpil.audit(data)

@@ -9,7 +9,7 @@ import signal
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -133,11 +133,10 @@ def size(value):
 def test_files_that_workers_cannot_read_are_refused(cluster, tmp_path):
     formats.write(tmp_path / "a.parquet", demonstrations())
     data = rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations
-    pieces = tuple(piece._replace(path="/nowhere/a.parquet") for piece in data.rows.pieces)
-    lost = replace(data, rows=replace(data.rows, pieces=pieces))
-    placed = DaskEngine(cluster).place(lost.shards(2, SAMPLE.block_steps))
+    data.steps.table.path = Path("/nowhere/rows.arrow")
+    placed = DaskEngine(cluster).place(data.shards(2, SAMPLE.block_steps))
     with pytest.raises(
-        DataError, match=r"A worker of the cluster cannot read the data .*/nowhere/a.parquet.*same path"
+        DataError, match=r"A worker of the cluster cannot read the data .*/nowhere/rows.arrow.*same path"
     ):
         list(placed.map(_steps))
 

@@ -29,7 +29,7 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: Stag
     """Write the files of `OUTPUTS` whose paths are given."""
     if not any(paths.values()):  # what follows imports the report
         return
-    from rpil.formats.columns_file import write_weights
+    from rpil.formats import write_weights
     from rpil.formats.registry import find
     from rpil.results.html.page import write_page
     from rpil.results.verdict_table import verdict_columns, write_kept, write_verdicts

@@ -11,7 +11,6 @@ from typing import cast
 
 import numpy as np
 
-from rpil.data.arrays import Indices
 from rpil.data.errors import DataError
 from rpil.data.id_values import check_ids, read_id_pairs
 from rpil.data.names import plain_name
@@ -32,24 +31,12 @@ class Facts:
 
     order: Float[Array, " M"] | None = None
     """The position of each demonstration in the order that the file states, if it states one."""
-    order_source: str = ""
-    """What states it, as "episode_index" or "timestamp"."""
     sessions: tuple[str, ...] = ()
     """Of each demonstration; empty where none are known."""
     outcomes: tuple[Float[Array, " M"], ...] = ()
     """How each demonstration ended, by one column or several, more is better; NaN where it is not known."""
     outcome_names: tuple[str, ...] = ()
     """The columns, as the user named them."""
-
-    def select(self, indices: Indices) -> Facts:
-        """The facts about the demonstrations at `indices` (integers, a slice or a mask over the M), in that order."""
-        return Facts(
-            None if self.order is None else np.atleast_1d(self.order[indices]),
-            self.order_source,
-            tuple(np.atleast_1d(np.array(self.sessions, dtype=object)[indices])) if self.sessions else (),
-            tuple(np.atleast_1d(outcome[indices]) for outcome in self.outcomes),
-            self.outcome_names,
-        )
 
 
 def outcome_of_steps(values: Float[Array, " N"], offsets: Int[Array, " _"], column: str) -> Float[Array, " M"] | None:
@@ -105,30 +92,17 @@ def given_outcome(
         by_id = {str(m): value for m, value in given.items()}
         check_ids(by_id, every or ids, source, "<option>", "outcome")
         given = [by_id.get(str(m), np.nan) for m in ids]
-    return check_outcome(_numbers(given, "outcome", ids, source), "the outcome", source)
+    return check_outcome(_numbers(given, ids, source), "the outcome", source)
 
 
-def given_order(
-    given: Sequence[float] | Array | None, ids: Sequence[Hashable], source: str
-) -> Float[Array, " M"] | None:
-    """The positions that a user gives for M demonstrations; a `DataError` where one is missing, or no number."""
-    if given is None:
-        return None
-    order = _numbers(given, "order", ids, source)
-    if not np.isfinite(order).all():
-        m = int(np.argmin(np.isfinite(order)))
-        raise DataError(f"{source}, demonstration {ids[m]!r}: its place in the order is {order[m]}; give a number.")
-    return order
-
-
-def _numbers(given: Sequence[float] | Array, name: str, ids: Sequence[Hashable], source: str) -> Array:
+def _numbers(given: Sequence[float] | Array, ids: Sequence[Hashable], source: str) -> Array:
     try:
         values = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise DataError(f"{source}: {name} holds what is no number; give a number for each demonstration.") from error
+        raise DataError(f"{source}: outcome holds what is no number; give a number for each demonstration.") from error
     if values.shape != (len(ids),):
         raise DataError(
-            f"{source}: {name} has the shape {values.shape}; give one number for each of {len(ids)} demonstrations."
+            f"{source}: outcome has the shape {values.shape}; give one number for each of {len(ids)} demonstrations."
         )
     return values
 

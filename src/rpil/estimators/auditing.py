@@ -19,8 +19,8 @@ from rpil.estimators.settings import Settings
 from rpil.estimators.task import Labels, are_names
 from rpil.estimators.within_tasks import Statements, fit_within_tasks
 from rpil.formats import ReadOptions, opened
-from rpil.formats.arrow import Frame
 from rpil.formats.columns import ColumnOptions, Names, check_options
+from rpil.formats.format import Frame
 from rpil.formats.recording import Recording
 from rpil.results.provenance import Provenance, changed_settings
 from rpil.results.record import Audit

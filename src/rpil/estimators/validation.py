@@ -15,7 +15,7 @@ from rpil.data.arrays import ActionKind, are_whole
 from rpil.data.demonstrations import Demonstrations, DemonstrationSet
 from rpil.data.errors import DataError
 from rpil.formats import read
-from rpil.formats.arrow import Frame
+from rpil.formats.format import Frame
 from rpil.numerics.types import Array
 
 ROWS = "rows"

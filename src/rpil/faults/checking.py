@@ -21,11 +21,11 @@ from rpil.faults.report import ALL, RULES, FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Learned, Measure, Measurements
 from rpil.faults.whole_rules import Duplicate, Length, OtherLag, trims
 from rpil.formats import ReadOptions, opened
-from rpil.formats.arrow import Frame
 from rpil.formats.columns import ColumnOptions, check_options
 from rpil.formats.dataset import Dataset
+from rpil.formats.format import Frame
+from rpil.formats.metadata import Times
 from rpil.formats.recording import Recording
-from rpil.formats.times import Times
 from rpil.numerics.types import Array, Bool
 
 COMPARING = [rule for rule in RULES.values() if issubclass(rule, ComparingRule)]

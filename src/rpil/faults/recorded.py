@@ -17,7 +17,7 @@ from rpil.faults.measured_columns import all_values
 from rpil.faults.motion import RepeatedFrames, few
 from rpil.faults.rule import Fault, Rule
 from rpil.formats.format import Defect
-from rpil.formats.times import Times, usual_step
+from rpil.formats.metadata import Times, usual_step
 from rpil.numerics.types import Array, Float
 
 

@@ -17,7 +17,7 @@ from rpil.data.json_files import LARGEST_TABLE, read_json
 from rpil.data.text import counted, one_line, printable
 from rpil.faults import motion, recorded, whole_rules  # noqa: F401  their rules
 from rpil.faults.rule import Fault, Rule
-from rpil.formats.columns_file import write_columns
+from rpil.formats import write_columns
 
 OF_AUDIT = {
     "outlier": "the demonstration acts differently from the rest; it need not be worse",

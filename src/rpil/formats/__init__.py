@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import os
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypedDict, Unpack, cast
 
+import numpy as np
+import pyarrow as pa
 from numpy.typing import ArrayLike
 
 from rpil.data.arrays import ActionKind, as_array
 from rpil.data.demonstrations import SOURCE, Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath
+from rpil.data.files import StrPath, check_extension, replacing
+from rpil.data.guard import guarded
 from rpil.data.held import holding
 from rpil.data.id_values import (
     check_labels_file,
@@ -25,14 +29,17 @@ from rpil.data.id_values import (
     read_id_pairs,
     read_labels,
 )
+from rpil.data.json_files import finite
 from rpil.data.memory import Size
-from rpil.data.names import is_data
-from rpil.formats.arrow import Frame, read_frame
+from rpil.data.names import STEP, is_data
+from rpil.data.run import RUN_KEY, run_id
+from rpil.formats import csv, parquet, table
 from rpil.formats.columns import ColumnOptions, Ids, Names, check_options
-from rpil.formats.columns_file import write_weights
 from rpil.formats.description import Description
+from rpil.formats.format import Frame, from_arrow
 from rpil.formats.recording import Recording, from_demonstrations, from_tables
 from rpil.formats.registry import find, writer_of
+from rpil.numerics.types import Array
 
 __all__ = [
     "ColumnOptions",
@@ -42,9 +49,15 @@ __all__ = [
     "label_codes",
     "read_answers",
     "read_labels",
+    "write_columns",
     "write_weights",
     "writer_of",
 ]
+
+
+EXTENSIONS = (".csv", ".parquet", ".json")
+_BLOCK_STEPS = 1_048_576
+_WRITERS = {".parquet": parquet.write_tables, ".csv": csv.write_tables}
 
 
 class ReadOptions(TypedDict, total=False):
@@ -173,7 +186,10 @@ def read_recording(
 ) -> Recording:
     """The recording in a file, folder or frame, as `open` gives it; by default its demonstrations are in memory."""
     if isinstance(path, Frame):
-        return read_frame(path, options)
+        with guarded("the frame", "a column holds values of mixed types", "convert them"):
+            # A table is none to convert: before pyarrow 25 the copy of a column of text views ended the process.
+            table = path if isinstance(path, pa.Table) else pa.table(path)
+        return from_tables(from_arrow([table], options, "the frame", "data frame"), options)
     with holding():
         return find(path).read(options, on_disk=on_disk)
 
@@ -212,3 +228,61 @@ def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, Arr
             raise DataError(f"{path}: truth {name!r} would be taken for data; give it another name.")
     assert writer.write is not None
     writer.write(path, demonstrations, arrays)
+
+
+def write_columns(
+    path: StrPath, columns: Mapping[str, Sequence[object]], what: str, said: Mapping[str, str] = {}
+) -> None:
+    """Write columns, with what is `said` of them in the metadata of Parquet; JSON holds a list of objects, and null for
+    what is no finite number. A `DataError` where the path has another extension, or cannot be written."""
+    path = check_extension(path, EXTENSIONS, what)
+    if path.suffix.lower() == ".json":
+        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        with replacing(path) as temporary:
+            temporary.write_text(json.dumps(finite(rows), allow_nan=False, indent=1) + "\n", encoding="utf-8")
+        return
+    _WRITERS[path.suffix.lower()](path, iter([pa.table(columns).replace_schema_metadata(dict(said))]))
+
+
+def write_weights(
+    path: StrPath,
+    ids: Sequence[object],
+    offsets: Array,
+    step_weight: Array,
+    expert_proba: Array,
+    log_odds: Array,
+    step_columns: Callable[[slice], pa.Table | None] = lambda _: None,
+) -> None:
+    """Write one row per step, in the order of the steps: episode_index, step_index, weight, expert_proba, log_odds.
+
+    `expert_proba` and `log_odds` (M,) are repeated for each step of their demonstration. Numbers of the rows that the
+    file itself gives, such as ``index``, come with `Recording.step_columns`. A million steps are in memory at a time:
+    `step_weight` (N,) may be in a file, and larger than memory. The metadata of a Parquet file hold the
+    `rpil.data.run.run_id`.
+
+    Raises
+    ------
+    DataError
+        Where the path ends in neither .parquet nor .csv, or cannot be written.
+    """
+    writer = _WRITERS[check_extension(path, _WRITERS, "weights").suffix.lower()]
+    metadata = {RUN_KEY: run_id(ids, offsets, log_odds)}
+    repeated = {"expert_proba": expert_proba, "log_odds": log_odds}
+
+    def tables() -> Iterator[pa.Table]:
+        cuts = np.unique(np.append(np.searchsorted(offsets, np.arange(0, offsets[-1], _BLOCK_STEPS)), len(ids)))
+        for block in map(slice, cuts[:-1].tolist(), cuts[1:].tolist()):
+            steps = slice(int(offsets[block.start]), int(offsets[block.stop]))
+            block_offsets = offsets[block.start : block.stop + 1] - steps.start
+            lengths = np.diff(block_offsets)
+            names = table.step_columns(ids[block], block_offsets)
+            weights = {"weight": np.asarray(step_weight[steps])} | {
+                name: np.repeat(values[block], lengths) for name, values in repeated.items()
+            }
+            own = step_columns(steps)
+            taken = {*names, *weights} - {STEP}  # the file's own step column is kept
+            numbers = dict(zip(own.column_names, own.columns, strict=True)) if own else {}
+            numbers = {f"file.{name}" if name in taken else name: column for name, column in numbers.items()}
+            yield pa.table(names | numbers | weights, metadata=metadata)
+
+    writer(Path(path), tables())

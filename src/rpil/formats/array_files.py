@@ -26,8 +26,8 @@ from rpil.formats.columns import ColumnOptions, as_list
 from rpil.formats.description import commas, without_damaged
 from rpil.formats.format import Format, StepTables, kept_of
 from rpil.formats.hdf5 import keep_groups, opened_hdf5
-from rpil.formats.step_arrays import Closed, Part, StoredArray, Tree, from_parts, read_once
-from rpil.formats.table_facts import Metadata
+from rpil.formats.metadata import Metadata
+from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts, read_once
 from rpil.formats.table_folder import has_tables
 from rpil.numerics.types import Array
 
@@ -130,9 +130,9 @@ def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
         return Part(n, closed, {_FILE_NAME: name, **tasks, **ends, **facts}), these.notes
 
 
-def _read_groups(these: Arrays, within: str, groups: Mapping[str, Tree], kind: str) -> StepTables:
+def _read_groups(these: Arrays, within: str, groups: Mapping[str, Arrays], kind: str) -> StepTables:
     """The recording in groups of arrays, as robomimic and Isaac Lab write it: the arrays that the first one has."""
-    first, notes, options, ignored = next(iter(groups.values())), these.notes, these.options, {}
+    first, notes, options, ignored = next(iter(groups.values())).arrays, these.notes, these.options, {}
     if "states" in first and not options.observations and not any(map(is_observation, first)):
         notes = (*notes, _STATES)
         if _begins_with_time(first["states"]):
@@ -142,10 +142,11 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Tree], kind: s
     if without := commas([name for name in names if name not in groups]):
         notes = (*notes, f"Left out, because they are links, or hold no actions: {without}.")
     rate, task, parts, lengths = these.said(within, "rate"), these.said(within, "task"), [], dict[Id, int]()
-    for name, tree in groups.items():
-        words, stated = these.said(within + name, "task") or task, these.attributes(within + name).get("num_samples")
+    for name, one in groups.items():
+        words, attributes = these.said(within + name, "task") or task, these.attributes(within + name)
         about = {"task": words} if isinstance(words, str) else {}
-        parts.append(Part(Arrays(tree, "").n_steps, tree, {_GROUP_NAME: name, **about}))
+        parts.append(Part(one.n_steps, one.arrays, {_GROUP_NAME: name, **about}))
+        stated = attributes.get("num_samples")
         lengths |= {name: int(stated)} if isinstance(stated, int | np.integer) else {}
     fps = float(rate) if isinstance(rate, int | float) and math.isfinite(rate) and rate > 0 else None
     name = f"{kind} of robomimic's layout" if within else f"{kind}, a group for each demonstration"

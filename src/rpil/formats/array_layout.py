@@ -21,8 +21,8 @@ from rpil.data.names import ACTION_COLUMNS, EPISODE, may_be_outcome, plain_name
 from rpil.formats.columns import ColumnOptions, as_list
 from rpil.formats.description import commas
 from rpil.formats.format import StepTables
+from rpil.formats.metadata import Metadata
 from rpil.formats.step_arrays import NO_STEPS, Closed, Part, StoredArray, Tree, from_parts, read_once
-from rpil.formats.table_facts import Metadata
 from rpil.numerics.types import Array
 
 ROLES = {
@@ -75,9 +75,12 @@ class Arrays:
     def names(self) -> dict[str, list[str]]:
         """The names of the arrays with rows that have each role, or that the user names for it."""
         options = self.options
-        more = [name for one, _ in ACTION_COLUMNS[:2] for name in self.arrays if one.fullmatch(plain_name(name))]
         named = {**ROLES, "ids": (options.id,) if options.id else ROLES["ids"]}
-        named["actions"] = (*as_list(options.action), *ROLES["actions"], *more)
+        named["actions"] = (*as_list(options.action), *ROLES["actions"])
+        if self.arrays.keys().isdisjoint(named["actions"]):
+            plain = {name: plain_name(name) for name in self.arrays}
+            more = (name for one, _ in ACTION_COLUMNS[:2] for name in plain if one.fullmatch(plain[name]))
+            named["actions"] += (*more,)
         named["observations"] = (*ROLES["observations"], *as_list(options.observations))
         there = {name for name in {*sum(named.values(), ())} & self.arrays.keys() if self.arrays[name].shape}
         return {role: [name for name in names if name in there] for role, names in named.items()}
@@ -135,14 +138,16 @@ class Arrays:
         attributes = self.attributes(group)
         for place in ATTRIBUTES[what]:
             name, *keys = place.split("/")
-            value = attributes.get(name)
+            if name not in attributes:  # faster than an error of the library
+                continue
+            value = attributes[name]
             for key in keys:
                 value = (value if isinstance(value, dict) else object_in(value)).get(key)
             if isinstance(value, str | int | float) and value:
                 return value
         return None
 
-    def groups(self) -> tuple[str, dict[str, Tree]]:
+    def groups(self) -> tuple[str, dict[str, Arrays]]:
         """Where the groups of demonstrations are, and the arrays in each that holds actions, by its name."""
         within = "data/" if any(path.startswith("data/") for path in self.arrays) else ""
         found: dict[str, dict[str, StoredArray]] = {}
@@ -150,7 +155,8 @@ class Arrays:
             name, slash, rest = path.removeprefix(within).partition("/")
             if slash and path.startswith(within):
                 found.setdefault(name, {})[rest] = array
-        return within, {name: tree for name, tree in found.items() if Arrays(tree, "").names["actions"]}
+        trees = {name: Arrays(tree, "") for name, tree in found.items()}
+        return within, {name: one for name, one in trees.items() if one.names["actions"]}
 
     def cut(self) -> Cut:
         """The demonstrations by ids, or the first row of `_ROWS` that fits; a `DataError` where none does."""

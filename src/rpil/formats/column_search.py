@@ -14,8 +14,20 @@ from rpil.data import names as spellings
 from rpil.data.errors import DataError
 from rpil.data.names import may_be_outcome, plain_name, quoted, short_name
 from rpil.data.recorded_facts import FILE_SESSION
-from rpil.formats.columns import LENGTH, STRETCH, TIME_OF_STEP, ColumnOptions, Columns, Kind, Names, check_names
-from rpil.formats.guesses import OF_PART, guess_actions, guess_id, one_id
+from rpil.formats.columns import (
+    LENGTH,
+    OF_PART,
+    STRETCH,
+    TIME_OF_STEP,
+    ColumnOptions,
+    Columns,
+    Names,
+    check_names,
+    guess_actions,
+    guess_id,
+    one_id,
+)
+from rpil.formats.table import Kind
 
 *_EPISODE_WORDS, _ID_ALONE = spellings.EPISODE_COLUMNS
 _IDS: tuple[Kind, ...] = ("number", "text", "mixed", "time", "list")
@@ -121,12 +133,10 @@ class _Search:
         parts = self.parts(name for name in (*other_ids, operator, task) if name)
         found = Columns(
             *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, parts, operator, task),
-            *(ignored, options.action_kind, order is not None, self.times(ignored), session, outcomes),
+            *(ignored, options, self.times(ignored), session, outcomes),
             chosen_parts=self.chosen_parts,
             excluded_parts=self.excluded_parts,
             source=self.source,
-            observations_given=bool(asked),
-            allows_missing=options.allow_missing or options.skip_bad is True,
             id_chosen=options.id is not None or "id" in self.guessed,
             guessed=self.guessed,
             made=() if episode in self.kinds or episode == default_id else (STRETCH,),

@@ -1,21 +1,24 @@
-"""What decides how a file is read, and the columns that are read."""
+"""Options that decide how a file is read, the columns that are read, and guesses at two of them by values and words."""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from typing import Literal
 
-from rpil.data.arrays import ActionKind, Id
+import numpy as np
+import pyarrow as pa
+
+from rpil.data.arrays import ActionKind, Id, are_whole
 from rpil.data.errors import DataError, DataWarning
 from rpil.data.id_values import is_id_file
 from rpil.data.memory import Size, parse_size
+from rpil.data.names import OPERATOR, is_observation, is_order, plain_name
 from rpil.data.recorded_facts import FILE_SESSION
-
-Kind = Literal["number", "list", "text", "written list", "mixed", "time", "counter", "empty", "nested"]
-"""Of a column's values; "mixed" is text in the place of some numbers, "counter" the number of the row."""
+from rpil.formats.table import encoded
 
 Names = str | Sequence[str]
 """Names of columns, or patterns such as ``joint_*``; several may stand in one text, with commas between them."""
@@ -31,6 +34,25 @@ LENGTH = "length"
 
 TIME_OF_STEP = "time or number of the step"  # why a column is no observation
 _MOST_COLUMNS = 50_000  # Arrow ends the process where there is no memory for its columns
+
+
+GUESSED_ROWS = 20_000
+"""The first rows, by which the column of the demonstration is guessed."""
+
+_SHORTEST = 3
+"""Steps of a demonstration, on average and at least."""
+
+_CONTROL = re.compile(
+    r"(?:.*_)?(?:(?P<pedal>gas|brak(?:e|ing)|accel(?:eration)?|pedal)|steer(?:ing)?|throttle|torque|thrust|force|rudder"
+    r"|aileron|motor|gripper|joystick|command|cmd|control|ctrl|button|key|bolus)s?(?:_.*|\d+)?"
+    r"|(?:.*_)?stick(?:_.*|[a-z]?\d*)|user_angle"
+)
+
+_OF_MANY = re.compile(r"(?:operator|demonstrator|teleoperator|annotator|worker)s?(?:_.*)?")
+"""Names of people who give many demonstrations each, as a participant or a driver need not."""
+
+OF_PART = re.compile(r"(?:lap|round|attempt|take|rep|repetition|leg|heat|stint)s?(?:_(?:index|ids?|no|num|number|nr))?")
+"""Names of the parts of what a driver did, each of which may be a demonstration."""
 
 
 @dataclass(frozen=True)
@@ -113,13 +135,14 @@ class Columns:
     observations: tuple[str, ...]
     one_action: bool  # whether the action is one column, which may then be discrete
     orders: tuple[str, ...] = ()  # columns that may give the order of the steps, the likeliest first
+    order: str | None = field(default=None, kw_only=True)  # the one of them that does
+    order_words: str = field(default="", kw_only=True)
     index: tuple[str, ...] = ()  # numbers of rows that the file itself gives
     parts: tuple[str, ...] = ()  # columns that may name a demonstration only together with `episode`, as session does
     operator: str | None = None
     task: str | None = None
     ignored: Mapping[str, str] = field(default_factory=dict, compare=False)  # name -> reason
-    action_kind: ActionKind = "auto"
-    order_given: bool = False
+    options: ColumnOptions = field(default=ColumnOptions(), compare=False)
     times: tuple[str, ...] = ()  # timestamps that are neither data nor the order
     session: str | None = None  # or FILE_SESSION
     outcomes: tuple[str, ...] = ()  # and LENGTH; with a minus where more is worse
@@ -128,8 +151,6 @@ class Columns:
     chosen_parts: Mapping[str, Names] = field(default_factory=dict, compare=False)
     excluded_parts: Mapping[str, bool] = field(default_factory=dict, compare=False)  # pattern -> also names columns
     source: str = field(default="", compare=False)  # in messages
-    observations_given: bool = False
-    allows_missing: bool = False
     id_chosen: bool = False  # by the user, or by a guess, and not by its name
     guessed: Mapping[str, str] = field(default_factory=dict, compare=False)  # option -> columns
     made: tuple[str, ...] = ()  # columns that are not in the rows of the file yet
@@ -187,3 +208,56 @@ def as_list(names: Names) -> list[str]:
     """Names as the user gave them: one text, which may hold several with commas between them, or a sequence."""
     texts = [names] if isinstance(names, str) else names
     return [name.strip() for text in texts for name in text.split(",")]
+
+
+def guess_id(head: pa.Table | None, names: Iterable[str]) -> str | None:
+    """The column of the demonstration by the first rows, if any: its values come in runs, and none of them comes again.
+
+    Of several such columns it is the one with most values. A time is none, whatever its values, nor is an operator.
+    """
+    found, most = None, 1
+    for name, column in _there(head, names).items():
+        if not (is_order(name) or _OF_MANY.fullmatch(plain_name(name))):
+            n_values, n_runs = _values_and_runs(column.slice(0, GUESSED_ROWS))
+            if most < n_values == n_runs <= min(len(column), GUESSED_ROWS) / _SHORTEST:
+                found, most = name, n_values
+    return found
+
+
+def guess_actions(numbers: Iterable[str], texts: Iterable[str] = (), head: pa.Table | None = None) -> list[str]:
+    """The columns of numbers that are called as what people steer with, such as a wheel or a gripper, but for pedals
+    alone; else a choice or order, of numbers or `texts`, which does not count the rows of the `head`."""
+    own = [name for name in numbers if "," not in name and not is_observation(name)]
+    if controls := {name: found for name in own if (found := _CONTROL.fullmatch(plain_name(name)))}:
+        return [] if all(found["pedal"] for found in controls.values()) else [*controls]  # a wheel of another name
+    decisions = [name for name in (*own, *texts) if plain_name(name).rstrip("s") in ("choice", "order")]
+    return [name for name, column in _there(head, decisions).items() if not _counts(column)][:1]
+
+
+def one_id(head: pa.Table | None, names: Iterable[str]) -> str:
+    """The first column that may be an id and has one value in all the first rows, in words; else nothing."""
+    for name, column in _there(head, names).items():
+        is_id = re.fullmatch(rf"(?:.*_)?(?:id|name|no|number)|{OPERATOR.pattern}", plain_name(name))
+        if is_id and len(values := column.unique().to_pylist()) == 1:
+            return f" ({name!r} is {values[0]!r:.40} in every row: one demonstration)"
+    return ""
+
+
+def _counts(column: pa.ChunkedArray) -> bool:
+    """Whether most numbers of a column are one more than the one before."""
+    values = column.to_numpy()
+    return values.dtype.kind in "iuf" and bool(np.sum(np.diff(values) == 1) > len(values) / 2)
+
+
+def _there(head: pa.Table | None, names: Iterable[str]) -> dict[str, pa.ChunkedArray]:
+    """Those of the columns that are in the first rows."""
+    return {name: head[name] for name in names if head is not None and name in head.column_names}
+
+
+def _values_and_runs(column: pa.ChunkedArray) -> tuple[int, int]:
+    """How many different values a column has, and how many runs of equal ones; none where they cannot be ids."""
+    has_parts = pa.types.is_floating(column.type) and not are_whole(column.to_numpy())
+    if column.null_count or pa.types.is_boolean(column.type) or has_parts:
+        return 0, 0
+    codes = encoded(column)[1]
+    return len(np.unique(codes)), 1 + int(np.count_nonzero(np.diff(codes)))

@@ -26,9 +26,10 @@ from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.description import parts_in_words, without_damaged
 from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, text_rows, without_suffix
 from rpil.formats.format import Format, StepTables, called, keep_one_file
+from rpil.formats.metadata import Origin
 from rpil.formats.places import in_two_files
-from rpil.formats.rows import copied, end_to_end, other_columns
-from rpil.formats.table_facts import Origin
+from rpil.formats.steps import ArrowFile, Steps
+from rpil.formats.table import other_columns
 
 FILE = "file"  # the column of the file's name, where nothing else names the demonstration
 _FAULT = "not a CSV file, or a damaged or truncated one", "write it again"
@@ -59,10 +60,17 @@ def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, defau
     notes = (f"Text is not UTF-8: read as {' and '.join(encodings)}.",) if encodings else ()
     origin, found = Origin(source, words, notes=notes, skipped=(*damaged, *skipped)), _rows_of(files, columns)
     sizes = {name: len(rows) for name, rows in found.items()}
-    if not options.on_disk:
-        return StepTables(found.values(), columns, origin, sizes)
-    rows = end_to_end([*found.values()], [*found])
-    return StepTables((table for _, table, _ in rows.tables(0, len(rows), columns.all)), columns, origin, sizes, rows)
+    if len(found) > 1 and options.on_disk:
+        return StepTables(_end_to_end(found), columns, origin, sizes)
+    return StepTables(found[first_name] if options.on_disk else found.values(), columns, origin, sizes)
+
+
+def _end_to_end(files: Mapping[str, ArrowFile]) -> Iterator[pa.Table]:
+    """The rows of files, with types that fit all of them."""
+    schema = pa.unify_schemas([file.schema for file in files.values()], promote_options="permissive")
+    for name, file in files.items():
+        for _, table, _ in Steps(file, name).tables(schema.names):
+            yield table.cast(schema)
 
 
 def _cleaned(table: pa.Table, columns: Columns) -> pa.Table:
@@ -144,7 +152,7 @@ def _read_table(name: str, file: TextTable, columns: Columns, types: Mapping[str
         if not file.on_disk:
             return whole(pa.csv.read_csv(text, *options))
         with pa.csv.open_csv(text, *options) as reader:
-            return copied((whole(pa.Table.from_batches([batch])) for batch in reader), file.path.name, {})
+            return ArrowFile.of((whole(pa.Table.from_batches([batch])) for batch in reader), file.path.name)
 
     # On disk without outcomes, because the first block tells their types.
     names = [one for one in (*columns.all, *(() if file.on_disk else columns.may_be_outcomes)) if one in file.names]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
@@ -21,8 +21,7 @@ from rpil.data.memory import Size, check_memory
 from rpil.data.names import quoted, short_name
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
-from rpil.formats.places import Places
-from rpil.formats.rows import Rows, files_of, shifted
+from rpil.formats.steps import Steps
 from rpil.formats.table import Place
 from rpil.numerics.types import Array
 
@@ -33,6 +32,11 @@ class Column(NamedTuple):
     name: str
     parts: tuple[str, ...]
     mask: Array | None = None  # where not all are read
+
+    @property
+    def width(self) -> int:
+        """The numbers that a row has."""
+        return len(self.parts if self.mask is None else self.mask)
 
     def cut(self, values: Array) -> Array:
         """Of values (N, K) those that are read; all where rows have more or fewer than there should be."""
@@ -53,6 +57,8 @@ class Layout:
         Names of the numbers in lists that are not read, and why.
     allows_missing : bool
         Whether numbers may be NaN or infinite.
+    action_kind : {"auto", "discrete", "continuous"}
+        As the user wants it.
     """
 
     observations: tuple[Column, ...]
@@ -62,6 +68,7 @@ class Layout:
     n_parts: int
     left_out: Mapping[str, str]
     allows_missing: bool
+    action_kind: ActionKind
 
     @classmethod
     def of(cls, table: pa.Table, columns: Columns, joints: Mapping[str, Sequence[str]]) -> Layout:
@@ -77,13 +84,11 @@ class Layout:
         own_type = value_type(table[first.name].type)
         is_list_of_floats = own_type.kind == "f" and flat.kind_of_type(table[first.name].type) == "list"
         may_be_class = columns.one_action and first.mask is None and not is_list_of_floats
-        if n_parts == 1 and (may_be_class or columns.action_kind == "discrete"):
+        if n_parts == 1 and (may_be_class or columns.options.action_kind == "discrete"):
             n_parts, action = 0, action if own_type.kind == "f" else own_type
-        return cls(observations, actions, observation, action, n_parts, chosen.left_out, columns.allows_missing)
-
-    def without(self, names: Container[str]) -> Layout:
-        """The same without some columns of observations."""
-        return replace(self, observations=tuple(one for one in self.observations if one.name not in names))
+        allows_missing = columns.options.allow_missing or columns.options.skip_bad is True
+        asked = allows_missing, columns.options.action_kind
+        return cls(observations, actions, observation, action, n_parts, chosen.left_out, *asked)
 
     @property
     def observation_names(self) -> tuple[str, ...]:
@@ -107,11 +112,14 @@ class Layout:
         shape = (n_steps, self.n_parts) if self.n_parts else (n_steps,)
         return np.empty((n_steps, len(self.observation_names)), self.observation, order), np.empty(shape, self.action)
 
-    def fill(self, observations: Array, actions: Array, table: pa.Table, at: Place) -> None:
-        """Write the rows of `table` to the two arrays; a `DataError` where a value is missing or of the wrong kind."""
-        with guarded(at(0)):
-            self._fill(observations, table, self.observations, at)
-            self._fill(actions.reshape(len(actions), -1), table, self.actions, at)
+    def write(self, steps: Steps, first: int, observations: Array, actions: Array) -> None:
+        """Write steps from the `first` one on to two arrays, which say how many; a `DataError` where a value is missing
+        or of the wrong kind."""
+        for row, table, at in steps.tables(self.columns, first, first + len(actions)):
+            own = slice(row - first, row - first + len(table))
+            with guarded(at(0)):
+                self._fill(observations[own], table, self.observations, at)
+                self._fill(actions[own].reshape(len(table), -1), table, self.actions, at)
 
     def _fill(self, out: Array, table: pa.Table, columns: Sequence[Column], at: Place) -> None:
         start = 0
@@ -119,9 +127,9 @@ class Layout:
             block = flat.column_values(table, one.name, at, self.allows_missing)
             if block.dtype.kind == "U" and out.dtype.kind != "U":
                 raise flat.no_numbers(block, one.name, at)
-            block, width = block.reshape(len(block), -1), len(one.parts if one.mask is None else one.mask)
-            if block.shape[1] != width:
-                fault = f"holds {block.shape[1]} numbers, not {width} as elsewhere"
+            block = block.reshape(len(block), -1)
+            if block.shape[1] != one.width:
+                fault = f"holds {block.shape[1]} numbers, not {one.width} as elsewhere"
                 raise DataError(f"{at(0)}: column {one.name!r} {fault}.")
             out[:, start : start + len(one.parts)] = one.cut(block)
             start += len(one.parts)
@@ -138,7 +146,11 @@ class _Chosen:
     def of(self, table: pa.Table, names: Sequence[str], joints: Mapping[str, Sequence[str]]) -> tuple[Column, ...]:
         """The columns of these `names` of which a number is read."""
         found, first = [], 0
-        widths = {name: _width(table[name]) for name in names}
+        kinds = {name: flat.kind_of_type(table[name].type) for name in names}
+        lists = {
+            name: next((row for row in table[name] if row.is_valid), [None]) for name in names if kinds[name] == "list"
+        }
+        widths = {name: len(lists.get(name, [None])) for name in names}
         parts = flat.part_names(widths, joints)
         self.known += parts
         for name, width in widths.items():
@@ -172,20 +184,11 @@ class _Chosen:
             )
 
 
-def _width(column: pa.ChunkedArray) -> int:
-    """Numbers in a row, by the first that has a value."""
-    if flat.kind_of_type(column.type) != "list":
-        return 1
-    first = next((value for value in column if value.is_valid), None)
-    return 1 if first is None else len(first)
-
-
 def value_type(kind: pa.DataType) -> np.dtype[np.generic]:
     """The type of NumPy of the values of a column: float32 or float64, int64 for whole numbers, or text."""
     if flat.kind_of_type(kind) == "text":
         return np.dtype(np.str_)
-    if pa.types.is_dictionary(kind):
-        kind = kind.value_type
+    kind = flat.plain_type(kind)
     if flat.kind_of_type(kind) == "list":
         kind = kind.value_type
     if pa.types.is_float32(kind):
@@ -203,10 +206,9 @@ def _stacked(table: pa.Table, columns: Sequence[Column]) -> np.dtype[np.generic]
 class Shard:
     """Consecutive blocks of a data set. Iterating reads them from disk, one `Block` after another."""
 
-    rows: Rows
+    steps: Steps  # of the demonstrations ``bounds[0]`` .. ``bounds[-1] - 1``
     layout: Layout
     bounds: tuple[int, ...]  # number of the first demonstration of each block, and of the one after the last
-    places: Places  # of the demonstrations ``bounds[0]`` .. ``bounds[-1] - 1``
 
     @property
     def demonstrations(self) -> slice:
@@ -214,20 +216,10 @@ class Shard:
         return slice(self.bounds[0], self.bounds[-1])
 
     def __iter__(self) -> Iterator[Block]:
-        layout, every, row = self.layout, self.places.offsets, int(self.places.offsets[0])
-        tables = self.rows.tables(row, int(every[-1]), layout.columns, self.places.demonstration_of)
-        begin, table, at = next(tables)
         for first, end in itertools.pairwise(self.bounds):
-            offsets = every[first - self.bounds[0] : end - self.bounds[0] + 1]
-            start, stop = int(offsets[0]), int(offsets[-1])
-            block = Block(first, *layout.empty(stop - start), offsets - start)
-            while row < stop:
-                if row == begin + len(table):
-                    begin, table, at = next(tables)
-                until = min(stop, begin + len(table))
-                rows, source = slice(row - start, until - start), table.slice(row - begin, until - row)
-                layout.fill(block.observations[rows], block.actions[rows], source, shifted(at, row - begin))
-                row = until
+            offsets = self.steps.offsets[first - self.bounds[0] : end - self.bounds[0] + 1]
+            block = Block(first, *self.layout.empty(int(offsets[-1] - offsets[0])), offsets - offsets[0])
+            self.layout.write(self.steps, int(offsets[0]), block.observations, block.actions)
             yield block
 
 
@@ -243,8 +235,7 @@ class Dataset(DemonstrationSet):
         First row of each demonstration, and the number of all rows, N.
     source : str
         Name of the data in messages.
-    rows : Rows
-        The rows of the files.
+    steps : Steps
     layout : Layout
         The arrays that their columns make.
     classes : (K,) array
@@ -258,7 +249,7 @@ class Dataset(DemonstrationSet):
     ids: tuple[Id, ...]
     offsets: NDArray[np.int64]
     source: str
-    rows: Rows
+    steps: Steps
     layout: Layout
     classes: Array
     low: Array
@@ -291,17 +282,15 @@ class Dataset(DemonstrationSet):
 
         A shard can be sent to another process. Its blocks are those of `Demonstrations.shards`.
         """
-        return [self._shard(bounds) for bounds in shard_bounds(self.offsets, n_shards, block_steps)]
-
-    def _shard(self, bounds: Sequence[int]) -> Shard:
-        places = Places(self.ids[bounds[0] : bounds[-1]], self.offsets[bounds[0] : bounds[-1] + 1])
-        return Shard(self.rows, self.layout, tuple(bounds), places)
+        bounds = shard_bounds(self.offsets, n_shards, block_steps)
+        steps = replace(self.steps, place=None, sizes={})  # which grow with the data, and serve messages alone
+        return [Shard(steps.part(one[0], one[-1]), self.layout, tuple(one)) for one in bounds]
 
     def refuse_faulty(self, numbers: Iterable[int]) -> None:
         """A `DataError` where a value of the demonstrations of these numbers is missing or infinite."""
         for m in sorted(numbers):
-            (block,) = self._shard((m, m + 1))
-            source = (files_of(self.rows, self.offsets[m : m + 1]) or [self.source])[0]
+            (block,) = Shard(self.steps.part(m, m + 1), self.layout, (m, m + 1))
+            source = (self.steps.files(self.offsets[m : m + 1]) or [self.source])[0]
             names = [f"observation {name!r}" for name in self.observation_names]
             parts = [f"action {a}" for a in range(self.n_actions)]
             for values, what in ((block.observations, names), (block.actions, parts)):
@@ -309,22 +298,16 @@ class Dataset(DemonstrationSet):
                     check_finite(values, tuple(what), block.offsets, self.ids[m : m + 1], source)
 
     def select(self, indices: Indices) -> Demonstrations:
-        """The demonstrations at `indices` (integers, a slice or a mask over the M), in that order, in memory.
-
-        Row groups that hold none of them are not read.
-        """
+        """The demonstrations at `indices` (integers, a slice or a mask over the M), in that order, in memory."""
         chosen = np.atleast_1d(np.arange(len(self))[indices])
-        order = np.unique(chosen)
-        check_any(len(order), self.source)
-        offsets = np.concatenate([[0], np.cumsum(self.lengths[order])])
+        check_any(len(chosen), self.source)
+        offsets = np.concatenate([[0], np.cumsum(self.lengths[chosen])])
         check_memory(self.nbytes * offsets[-1] / self.n_steps, self.source, self.memory)
-        ids = tuple(self.ids[m] for m in order.tolist())
-        # Runs of consecutive demonstrations: their first rows, and those after their last.
-        heads = np.flatnonzero(np.diff(order, prepend=-2) != 1)
-        ends = self.offsets[order[np.append(heads[1:], len(order)) - 1] + 1]
-        rows = self.rows.chosen(np.stack([self.offsets[order[heads]], ends], axis=1))
-        (block,) = Shard(rows, self.layout, (0, len(order)), Places(ids, offsets))
+        ids = tuple(self.ids[m] for m in chosen.tolist())
+        observations, actions = self.layout.empty(int(offsets[-1]))
+        heads = np.flatnonzero(np.diff(chosen, prepend=-2) != 1)  # of runs of consecutive demonstrations
+        for a, b, head in zip(offsets[heads], offsets[[*heads[1:], len(chosen)]], chosen[heads], strict=True):
+            self.layout.write(self.steps, int(self.offsets[head]), observations[a:b], actions[a:b])
         kind: ActionKind = "discrete" if self.is_discrete else "continuous"
         names = self.observation_names, self.source, kind, self.action_names, self.layout.allows_missing
-        selected = Demonstrations(block.observations, block.actions, offsets, ids, *names)
-        return selected if np.array_equal(order, chosen) else selected.select(np.searchsorted(order, chosen))
+        return Demonstrations(observations, actions, offsets, ids, *names)

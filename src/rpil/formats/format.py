@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
-from typing import TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 import pyarrow as pa
 
@@ -16,12 +17,22 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, replacing
 from rpil.data.id_values import check_ids
 from rpil.data.names import natural_key, quoted
-from rpil.formats.columns import ColumnOptions, Columns
-from rpil.formats.rows import ParquetRows
-from rpil.formats.table_facts import Origin
+from rpil.formats import table as flat
+from rpil.formats.column_search import find_columns
+from rpil.formats.columns import GUESSED_ROWS, ColumnOptions, Columns, check_names
+from rpil.formats.metadata import Origin
+from rpil.formats.steps import ArrowFile
 from rpil.numerics.types import Array
 
 K = TypeVar("K", bound=Id)
+
+
+@runtime_checkable
+class Frame(Protocol):
+    """A data frame of pandas, polars, pyarrow or another library that gives its columns to Arrow."""
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
+        """Its columns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,24 +42,48 @@ class StepTables:
     Attributes
     ----------
     tables : iterable of pyarrow.Table
-        Read one by one.
+        Read one by one; or a file of them.
     columns : Columns
     origin : Origin
     sizes : mapping of str to int
         The numbers of rows from each file, for formats in which files may state the order of demonstrations.
-    in_place : ParquetRows, optional
-        The rows of the tables, if they are in Parquet files and are to stay there.
     """
 
-    tables: Iterable[pa.Table]
+    tables: Iterable[pa.Table] | ArrowFile
     columns: Columns
     origin: Origin
     sizes: Mapping[str, int] = field(default_factory=dict)
-    in_place: ParquetRows | None = None
 
     def with_ignored(self, names: Mapping[str, str]) -> StepTables:
         """The same, where parts of the file are not read for the reasons in `names`."""
         return replace(self, origin=replace(self.origin, ignored={**self.origin.ignored, **names}))
+
+
+def from_arrow(
+    tables: Iterable[pa.Table], options: ColumnOptions, source: str, format_name: str, default_id: str | None = None
+) -> StepTables:
+    """The recording in tables with a row for each step, whose columns are found by name in the first; see
+    `find_columns`."""
+    waiting = map(plain_columns, tables)
+    table = next(waiting, pa.table({}))
+    check_names(table.column_names, source)
+    kinds = {field.name: flat.kind_of_type(field.type) for field in table.schema}
+    head = table.select([name for name, kind in kinds.items() if kind in ("number", "text")]).slice(0, GUESSED_ROWS)
+    kinds |= flat.kinds_of(head.slice(0, flat.HEAD_ROWS))
+    columns = find_columns(table.column_names, kinds, source, options, default_id, head)
+    chosen = (one.select([*columns.all, *columns.may_be_outcomes]) for one in chain([table], waiting))
+    return StepTables(chosen, columns, Origin(source, format_name))
+
+
+def plain_columns(table: pa.Table) -> pa.Table:
+    """A column for each part of a structure, such as ``observation.pos``, and text as files have it."""
+    while any(map(pa.types.is_struct, table.schema.types)):
+        table = table.flatten()
+    for k, one in enumerate(table.schema):
+        kind = flat.plain_type(one.type)
+        if pa.types.is_string_view(kind):
+            table = table.set_column(k, one.name, table[k].cast(pa.string()))
+    return table
 
 
 Keep = Callable[[Path, Path, Sequence[Id], ColumnOptions], None]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Set
 from contextlib import suppress
 from dataclasses import replace
@@ -19,15 +18,13 @@ from rpil.data.held import held_bytes
 from rpil.data.memory import check_memory
 from rpil.data.names import ACTION_COLUMNS, EPISODE, EPISODE_COLUMNS, natural_key, plain_name
 from rpil.formats import table as flat
-from rpil.formats.arrow import from_arrow, plain_columns
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE
 from rpil.formats.description import damaged_lines, parts_in_words
-from rpil.formats.format import Format, StepTables, keep_one_file
+from rpil.formats.format import Format, StepTables, from_arrow, keep_one_file, plain_columns
 from rpil.formats.table_folder import has_tables
 
 JSON_SUFFIXES = (".jsonl", ".ndjson", ".catalog")
-_PICTURE = r"(?i)\.(jpe?g|png)$"
 _MEMORY_OF_BYTE = 4  # of a file whose numbers have four characters
 _LARGEST_BLOCK = (1 << 31) - 1
 _NO_LINES = "no lines of JSON, or damaged or truncated ones", "write an object of the same kind on each line"
@@ -57,7 +54,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
         tables = {m: one.append_column(FILE, pa.repeat(names[m], len(one))) for m, one in tables.items()}
     table = flat.end_to_end([*tables.values()], path.name)
     name = "JSON lines" if len(files) == 1 else f"JSON lines, {len(files):,} files"
-    steps = from_arrow(table, options, path.name, name, default)
+    steps = from_arrow([table], options, path.name, name, default)
     return replace(steps, origin=replace(steps.origin, skipped=skipped))
 
 
@@ -74,32 +71,8 @@ def _files(path: Path) -> list[Path]:
 def _parsed(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
     """A row for each object in the lines of a file, with the number of its line, and the lines that are skipped.
 
-    A `DataError` where a line holds no object, or several, or names an empty picture, and the options do not skip it.
+    A `DataError` where a line holds no object, or several, and the options do not skip it.
     """
-    table, damaged = _records(file, options)
-    is_empty = _names_empty_picture(file.parent, table)
-    empty = table[_LINE].filter(is_empty).to_pylist()
-    if empty and not options.skip_bad:
-        raise damaged_lines(file.name, [f"line {number:,}: the picture that it names is empty" for number in empty])
-    return table.filter(pc.invert(is_empty)), damaged + empty
-
-
-def _names_empty_picture(folder: Path, table: pa.Table) -> pa.BooleanArray:
-    """Whether a text of each row names a picture of 0 bytes in `folder` or in its folder ``images``."""
-    is_empty = pa.array(np.zeros(len(table), bool))
-    for field in table.schema:
-        if pa.types.is_string(field.type):
-            names = pc.replace_substring_regex(table[field.name].combine_chunks(), ".*/", "")
-            pictures = names.filter(pc.match_substring_regex(names, _PICTURE)).unique().to_pylist()
-            paths = [place / name for name in pictures for place in (folder, folder / "images")]
-            files = [path for path in paths if os.path.isfile(path)]  # Path.is_file raises where a name is too long
-            empty = [file.name for file in files if not (file.is_symlink() or file.stat().st_size)]
-            is_empty = pc.or_(is_empty, pc.is_in(names, pa.array(empty, pa.string())))
-    return is_empty
-
-
-def _records(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
-    """A row for each object in the lines of a file, and the lines without an object."""
     with guarded(file.name, *_NO_LINES):
         with held_bytes(file) as stream:
             lines, damaged = {number: line for number, line in enumerate(stream, 1) if line.strip()}, list[int]()
@@ -161,7 +134,7 @@ def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) 
     """
     table = _steps(_parsed(path, options)[0])
     line_of, table = table[_LINE].to_numpy(), table.drop_columns([_LINE])
-    episode = from_arrow(table, options, path.name, "").columns.episode
+    episode = from_arrow([table], options, path.name, "").columns.episode
     names, owners = flat.id_codes(table, episode, lambda _: path.name)
     wanted = {k: str(name) for k, name in enumerate(names) if str(name) in ids}
     is_kept = np.isin(owners, [*wanted])

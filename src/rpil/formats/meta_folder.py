@@ -19,8 +19,8 @@ from rpil.data.folders import check_inside, is_hidden
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, Parsed, parse, parse_lines
 from rpil.data.names import quoted
+from rpil.formats.metadata import SIZES, Metadata
 from rpil.formats.parquet_file import input_file, read_table
-from rpil.formats.table_facts import SIZES, Metadata
 
 _PLACE = re.compile(r"\{(\w+)(?::(0\dd))?\}")
 _NO_FACT = re.compile(r"(?:stats|videos|data|meta)/.*|dataset_.*|tasks?|task_index")

@@ -19,16 +19,13 @@ from rpil.data.memory import check_memory
 from rpil.data.names import EPISODE, is_data
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
-from rpil.formats.columns import ColumnOptions, Columns, Kind, check_names
+from rpil.formats.columns import GUESSED_ROWS, ColumnOptions, Columns, check_names
 from rpil.formats.description import parts_in_words, without_damaged
 from rpil.formats.format import Format, StepTables, called, keep_one_file
-from rpil.formats.guesses import GUESSED_ROWS
 from rpil.formats.meta_folder import MetaFolder, read_metadata
-from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, read_table
-from rpil.formats.rows import ParquetRows, end_to_end, opened, other_columns, rows_of
-from rpil.formats.table import BATCH_ROWS
-from rpil.formats.table_facts import Metadata, Origin, file_names
-from rpil.formats.times import with_facts
+from rpil.formats.metadata import Metadata, Origin, file_names, with_facts
+from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, opened, read_table
+from rpil.formats.table import BATCH_ROWS, Kind, other_columns
 
 _HEAD_COLUMNS = 2000  # whose first values are looked at
 _NESTED_ROWS = 1000  # read at a time where there are images
@@ -37,49 +34,64 @@ Change = Callable[["pa.Table"], "pa.Table"]
 
 
 def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions, source: str) -> StepTables:
-    """Read files with the same columns, whose rows go into memory or stay where they are, as the options say."""
+    """Read files with the same columns."""
     paths, skipped = readable(filesystem, paths, source) if options.skip_bad else (paths, ())
     try:
-        rows, columns, metadata = _open_rows(filesystem, paths, options)
+        schema, sizes, columns, metadata, n_bytes = _opened_files(filesystem, paths, options)
     except DamagedError:
         readable(filesystem, paths, source, skips=False)
         raise
     name = f"LeRobot {metadata.version}" if metadata.version else "Parquet"
     origin = Origin(source, name if len(paths) == 1 else f"{name}, {len(paths):,} files", metadata, skipped=skipped)
-    tables: Iterator[pa.Table] = (
-        table for _, table, _ in rows.tables(0, len(rows), [*columns.all, *columns.may_be_outcomes])
-    )
     if not options.on_disk:
-        check_memory(rows.n_bytes, source, options.memory)
+        check_memory(n_bytes, source, options.memory)
+    tables = _tables(filesystem, paths, schema)
     if named := [name for name in columns.made if name in metadata.facts]:
         tables = with_facts(tables, columns.episode, {name: metadata.facts[name] for name in named})
         columns = replace(columns, made=tuple(name for name in columns.made if name not in named))
-    return StepTables(tables, columns, origin, rows.sizes, rows if options.on_disk and not named else None)
+    return StepTables(tables, columns, origin, sizes)
 
 
-def _open_rows(
+def _opened_files(
     filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions
-) -> tuple[ParquetRows, Columns, Metadata]:
-    """The rows of the files `paths`, their columns, and what they say of themselves.
-
-    A `DataError` where the columns of the files differ.
-    """
-    parts, columns, metadata, first = list[ParquetRows](), None, Metadata(), PurePosixPath(paths[0]).name
-    for path in paths:
-        name = PurePosixPath(path).name
+) -> tuple[pa.Schema, dict[str, int], Columns, Metadata, int]:
+    """The types of the columns that are read, the rows of each file, the columns by their roles, what the files say of
+    themselves, and the bytes that all take in memory; a `DataError` where the columns of the files differ."""
+    schema, sizes, n_bytes, columns, metadata = pa.schema([]), dict[str, int](), 0, None, Metadata()
+    for path, name in zip(paths, file_names(paths), strict=True):
         with opened(filesystem, path) as file:
-            if path == paths[0]:  # so that damaged data are named before damaged metadata
+            if columns is None:  # so that damaged data are named before damaged metadata
                 metadata = read_metadata(filesystem, paths)
-            columns = columns or columns_of_file(file, name, options, metadata.facts)
+                columns = columns_of_file(file, name, options, metadata.facts)
             names, known = set(file.schema_arrow.names), {*columns.all, *columns.ignored}
             if not names.issuperset(columns.all) or any(is_data(other) for other in names - known):
-                raise other_columns(name, first, names, known)
+                raise other_columns(name, next(iter(sizes)), names, known)
             read = {*columns.all, *columns.may_be_outcomes}
-            n_bytes = sum(check_sizes(file, read, filesystem, path))
-            parts.append(rows_of(file, filesystem, path, read, n_bytes))
-    if columns is None or not any(map(len, parts)):
+            n_bytes += sum(check_sizes(file, read, filesystem, path))
+            own = pa.schema([one for one in file.schema_arrow if one.name in read])
+            try:
+                schema = pa.unify_schemas([schema, own], promote_options="permissive")
+            except pa.ArrowException as error:
+                raise other_columns(name, next(iter(sizes))) from error
+            sizes[name] = file.metadata.num_rows
+    if columns is None or not sum(sizes.values()):
         raise DataError(f"{paths[0]}: there are no demonstrations; give at least one with at least one step.")
-    return end_to_end(parts, file_names(paths)), columns, metadata
+    order = dict.fromkeys([*columns.all, *columns.may_be_outcomes])
+    return pa.schema([schema.field(one) for one in order]), sizes, columns, metadata, n_bytes
+
+
+def _tables(filesystem: fs.FileSystem, paths: Sequence[str], schema: pa.Schema) -> Iterator[pa.Table]:
+    """The rows of files, with the types of a schema."""
+    for path in paths:
+        n_rows, name = 0, PurePosixPath(path).name
+        with opened(filesystem, path) as file:
+            for batch in file.iter_batches(BATCH_ROWS, columns=schema.names, use_threads=False):
+                n_rows += len(batch)
+                table = pa.Table.from_batches([batch]).select(schema.names)
+                check_table(table, name)
+                yield table if table.schema.equals(schema) else table.cast(schema)
+            if n_rows != file.metadata.num_rows:
+                raise ValueError(f"{n_rows} of {file.metadata.num_rows} rows are there")
 
 
 def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions, facts: Collection[str] = ()) -> Columns:

@@ -6,9 +6,9 @@ pyarrow believes a file, so that what its footer declares is compared with its r
 from __future__ import annotations
 
 import io
-from collections.abc import Collection, Sequence
-from contextlib import AbstractContextManager
-from pathlib import PurePath
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import PurePath, PurePosixPath
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -16,6 +16,8 @@ import pyarrow.parquet as pq
 from pyarrow import fs
 
 from rpil.data.errors import DataError
+from rpil.data.files import refuse_pointer
+from rpil.data.guard import guarded
 from rpil.data.held import held
 from rpil.data.memory import BYTES_PER_NUMBER, MIB, check_free, check_memory
 from rpil.formats.table import BATCH_ROWS, kind_of_type
@@ -26,10 +28,35 @@ _LONGEST_VALUE = 2**20
 _LARGEST_PAGE = 64 * MIB
 """Bytes of a column that may be decoded at once, however few its rows are."""
 
+_BUFFER_BYTES = 262_144  # of a column, read at a time: a row group need not fit in memory
+
 
 def input_file(filesystem: fs.FileSystem, path: PurePath | str) -> AbstractContextManager[pa.NativeFile]:
     """The bytes of a file; see `rpil.data.held`."""
     return held(str(path), lambda: filesystem.open_input_file(str(path)), filesystem.type_name)
+
+
+@contextmanager
+def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
+    """The open file, whose checksums are compared as it is read; a `DataError` where it is no Parquet file."""
+    try:
+        # Neither mapped into memory, where mapped pages stay and count, nor fetched by whole row groups.
+        options = {"buffer_size": _BUFFER_BYTES, "pre_buffer": False, "page_checksum_verification": True}
+        with input_file(filesystem, path) as stream, pq.ParquetFile(stream, **options) as file:
+            # A text that repeats stays in memory once.
+            texts = [field.name for field in file.schema_arrow if pa.types.is_string(field.type)]
+            if texts:
+                file = pq.ParquetFile(stream, metadata=file.metadata, read_dictionary=texts, **options)
+            yield file
+    except FileNotFoundError as error:
+        raise DataError(f"{path}: there is no such file here; check the path.") from error
+    except DataError:
+        raise
+    except Exception:
+        with guarded(PurePosixPath(path).name, "not a Parquet file, or a damaged or truncated one", "write it again"):
+            with input_file(filesystem, path) as stream:
+                refuse_pointer(stream.read_at(100, 0), PurePosixPath(path).name)
+            raise
 
 
 def read_table(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from itertools import compress, repeat
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import repeat
 
 import numpy as np
 import pyarrow as pa
@@ -14,94 +15,49 @@ from rpil.data.arrays import Id, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
 from rpil.data.names import is_order, is_outcome
 from rpil.formats import table as flat
-from rpil.formats.columns import ColumnOptions, Columns
-from rpil.formats.rows import Rows, TableRows, files_of, read_columns
+from rpil.formats.columns import Columns
+from rpil.formats.metadata import unit_of
+from rpil.formats.steps import Steps
 from rpil.formats.table import Place
-from rpil.formats.times import shorter
-from rpil.numerics.types import Array, Int
+from rpil.numerics.types import Array, Float, Int
 
 _WHOLE_NUMBER = re.compile(r"0|-?[1-9]\d{0,18}")
 _FILE_ORDER = "steps in the order of the file"
 
 
-@dataclass(frozen=True, eq=False)
-class Places:
-    """Where the M demonstrations of a recording are, and the column that orders their steps, if any; also in words."""
+def find_places(rows: Steps, columns: Columns) -> tuple[Steps, Columns]:
+    """The steps of each demonstration together and in order, and the columns with the one that gives the order.
 
-    ids: tuple[Id, ...]
-    offsets: Int[Array, " _"]
-    order: str | None = None
-    order_words: str = _FILE_ORDER
-
-    def demonstration_of(self, row: int) -> str:
-        """The demonstration of a row, for messages."""
-        return f", demonstration {self.ids[int(np.searchsorted(self.offsets, row, side='right')) - 1]!r}"
-
-    def only(self, mask: Array) -> tuple[Places, Int[Array, "K 2"]]:
-        """The places of the demonstrations of a mask (M,) alone, one after the other, and the rows where they were."""
-        rows = np.stack([self.offsets[:-1], self.offsets[1:]], axis=1)[mask]
-        offsets = np.append(0, np.cumsum(rows[:, 1] - rows[:, 0]))
-        begins = np.append(True, rows[1:, 0] != rows[:-1, 1])
-        runs = np.stack([rows[begins, 0], rows[np.append(begins[1:], True), 1]], axis=1)
-        return replace(self, ids=tuple(compress(self.ids, mask)), offsets=offsets), runs
-
-    def owners(self) -> Int[Array, " N"]:
-        """The number of the demonstration of each row."""
-        return np.repeat(np.arange(len(self.ids)), np.diff(self.offsets))
-
-    def begins(self, row: int, n_rows: int) -> Array:
-        """The rows of a table of `n_rows` rows, the first of which is `row`, at which demonstrations begin."""
-        first, last = np.searchsorted(self.offsets[:-1], [row, row + n_rows])
-        return np.asarray(self.offsets[first:last] - row)
-
-
-def find_places(rows: Rows, columns: Columns, source: str, options: ColumnOptions) -> tuple[Places, Rows]:
-    """The places, and the rows with those of each demonstration together and in order.
-
-    A `DataError` where ids are missing or unclear, a demonstration is in two files, or rows on disk would have to move.
+    A `DataError` where ids are missing or unclear, or a demonstration is in two files.
     """
-    check_any(len(rows), source)
+    check_any(len(rows), rows.source)
     names_of, group = _ids(rows, columns)
-    if options.split_gap or options.segment:
-        names_of, group = shorter(names_of, group, rows, columns, options)
+    of_file = columns
+    if columns.options.split_gap or columns.options.segment:
+        names_of, group = shorter(names_of, group, rows, columns)
         columns = replace(columns, parts=(), id_chosen=True)
-    table = read_columns(rows, list(dict.fromkeys([*columns.orders, *columns.parts])))
+    table = rows.read([*columns.orders, *columns.parts])
 
     def at(row: int) -> str:
-        tables = rows.tables(
-            row, row + 1, rows.schema.names[:1], lambda row: f", demonstration {names_of[group[row]]!r}"
-        )
-        return next(tables)[2](0)
+        m = int(group[row])
+        return replace(rows, ids=(names_of[m],), offsets=np.array([row])).place_of(row, 0)
 
-    _check_ids(names_of, group, columns, source)
+    _check_ids(names_of, group, columns, rows.source)
     order, words, values = _find_order(table, columns, group, at)
     _check_one_id(table, columns, group, order, at)
     chosen, offsets, moved = group_rows(group, values)
-    places = Places(as_ids([names_of[k] for k in chosen.tolist()], source), offsets, order, words)
+    ids = as_ids([names_of[k] for k in chosen.tolist()], rows.source)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
-    runs = [
-        (names_of[group[row]], file) for row, file in zip(heads, files_of(rows, heads) or repeat(source), strict=False)
-    ]
-    apart = _apart(runs, source) if len(runs) > len(chosen) else None
-    if moved is None:
-        return places, rows
-    if isinstance(rows, TableRows):
-        said = "; rows of a demonstration lay apart" if apart else ""
-        return replace(places, order_words=f"{words}{said}"), rows.taken(moved)
-    ways = "allow more memory with <option>, which sorts them"
-    if apart is not None:
-        raise DataError(
-            f"{source}, demonstration {apart[0]!r}: its rows lie apart in {apart[1]}; sort them by {columns.episode}, "
-            f"or {ways}; if they are several demonstrations, give each its own id.",
-            "memory",
-        )
-    assert values is not None
-    row = int(np.flatnonzero((values[1:] < values[:-1]) & (group[1:] == group[:-1]))[0]) + 1
-    by = f"rows are not in the order of {order!r}"
-    raise DataError(f"{at(row)}: {by}; sort the file, {ways}, or name another column with order.", "memory")
+    files: dict[Id, str] = {}
+    for row, file in zip(heads, rows.files(heads) or repeat(rows.source), strict=False):
+        if files.setdefault(m := names_of[group[row]], file) != file:
+            raise in_two_files(m, files[m], file, rows.source)
+    apart = "; rows of a demonstration lay apart" if len(heads) > len(chosen) else ""
+    rows = replace(rows if moved is None else rows.taken(moved), ids=ids, offsets=offsets)
+    return rows, replace(of_file, order=order, order_words=f"{words}{apart}")
 
 
-def _ids(rows: Rows, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:
+def _ids(rows: Steps, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:
     """The different ids, and the number of that of each row; one id where no column tells demonstrations apart.
 
     Of text tables all are numbers where all are written as whole numbers of at most 64 bits.
@@ -109,24 +65,13 @@ def _ids(rows: Rows, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:
     numbers, group = dict[Id, int](), np.zeros(len(rows), np.int32)
     if columns.episode in columns.made:
         return [0], group
-    for row, part, place in rows.tables(0, len(rows), [columns.episode]):
+    for row, part, place in rows.tables([columns.episode]):
         ids, codes = flat.id_codes(part, columns.episode, place)
         group[row : row + len(part)] = np.array([numbers.setdefault(m, len(numbers)) for m in ids])[codes]
     texts = [str(m) for m in numbers] if columns.id_written else []
     if texts and all(_WHOLE_NUMBER.fullmatch(text) and abs(int(text)) < 1 << 63 for text in texts):
         return [int(text) for text in texts], group
     return [*texts] or [*numbers], group
-
-
-def _apart(runs: Iterable[tuple[Id, str]], source: str) -> tuple[Id, str] | None:
-    """The first demonstration that has two of the runs of rows, and its file; a `DataError` where it has two files."""
-    files: dict[Id, str] = {}
-    apart = None
-    for m, file in runs:
-        apart = apart or ((m, file) if m in files else None)
-        if files.setdefault(m, file) != file:
-            raise in_two_files(m, files[m], file, source)
-    return apart
 
 
 def in_two_files(m: Id, first: str, second: str, source: str) -> DataError:
@@ -153,10 +98,10 @@ def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> t
             twice = np.flatnonzero((values[rows][1:] == values[rows][:-1]) & (group[rows][1:] == group[rows][:-1]))
             if not len(twice):
                 return name, f"steps sorted by {name}, because rows of the file are out of order", values
-            if columns.order_given:
+            if columns.options.order:
                 row = int(rows[twice[0] + 1])
                 raise DataError(f"{at(row)}: order column {name!r} repeats a value; name another, or leave it out.")
-        if columns.order_given:
+        if columns.options.order:
             raise DataError(f"{at(0)}: order column {name!r} needs a number or time in every row; name another.")
         fault = fault or f"{_FILE_ORDER}, because {name} has {said}"
     return None, fault or _FILE_ORDER, None
@@ -214,3 +159,52 @@ def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: str | 
                 f"demonstrations share, or, if {columns.episode!r} is one, say so with <option>.",
                 "id",
             )
+
+
+def shorter(
+    names: Sequence[Id], group: Int[Array, " N"], rows: Steps, columns: Columns
+) -> tuple[list[Id], Int[Array, " N"]]:
+    """The ids of the shorter demonstrations that the options make of those with these `names`, and the number of that
+    of each row, as `group` is.
+
+    A demonstration ends where the next row is more than `split_gap` seconds later, or earlier: "P01" is split into
+    "P01-0" and "P01-1"; and after each `segment` seconds from its first row on: into "P01 [0, 10) s" and
+    "P01 [10, 20) s".
+    """
+    seconds, is_new = _seconds(rows, columns), columns.episode in columns.made
+    if gap := columns.options.split_gap:
+        steps, counts, labels = np.diff(seconds, prepend=np.nan), Counter[int](), list[Id]()
+        starts = (steps > gap) | (steps < 0) | (np.diff(group, prepend=-1) != 0)
+        for k in group[starts].tolist():
+            labels.append(counts[k] if is_new else f"{names[k]}-{counts[k]}")
+            counts[k] += 1
+        names, group = _numbered(labels, np.cumsum(starts) - 1)
+    if length := columns.options.segment:
+        if np.isnan(seconds).any():
+            raise DataError(f"{columns.source}: the column of time lacks values; fill it in.")
+        first = seconds[np.unique(group, return_index=True)[1]]
+        parts = np.stack([group, np.floor((seconds - first[group]) / length)])
+        pairs, places = np.unique(parts, axis=1, return_inverse=True)
+        ends = ((names[int(k)], part * length, (part + 1) * length) for k, part in pairs.T.tolist())
+        names, group = _numbered([f"{m} [{a:.10g}, {b:.10g}) s" for m, a, b in ends], places.reshape(-1))
+    return [*names], group
+
+
+def _numbered(labels: Sequence[Id], rows: Array) -> tuple[list[Id], Int[Array, " N"]]:
+    """The different labels, and the number of that of each row, where `rows` has the place of its label."""
+    numbers: dict[Id, int] = {}
+    codes = [numbers.setdefault(label, len(numbers)) for label in labels]
+    return [*numbers], np.array(codes, np.int32)[rows]
+
+
+def _seconds(rows: Steps, columns: Columns) -> Float[Array, " N"]:
+    """The first column of time whose unit is known in seconds; NaN where it has no value."""
+    table = rows.read([*columns.orders, *columns.times])
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        values = flat.order_values(column.drop_null())
+        if values is not None and len(values) and (unit := unit_of(name, column.type, values)) is not None:
+            if flat.kind_of_type(column.type) == "time":
+                column = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64())
+            return np.asarray(column.cast(pa.float64(), safe=False).to_numpy()) * unit
+    said = "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"
+    raise DataError(f"{columns.source}: {said} <option>; make one of times in texts.", "order")

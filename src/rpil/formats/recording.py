@@ -22,12 +22,22 @@ from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids
 from rpil.formats.dataset import Dataset, Layout
 from rpil.formats.description import Description, commas, left_out_lines
 from rpil.formats.format import Defect, StepTables
+from rpil.formats.metadata import (
+    Clock,
+    Metadata,
+    Origin,
+    Times,
+    clock_columns,
+    different,
+    find_clock,
+    find_facts,
+    pairs_of,
+    tasks_of,
+)
 from rpil.formats.places import find_places
-from rpil.formats.rows import Rows, TableRows, copied, files_of, read_columns
 from rpil.formats.scan import Scan, scan
+from rpil.formats.steps import ArrowFile, Steps
 from rpil.formats.table import end_to_end, numbers_or_missing
-from rpil.formats.table_facts import Metadata, Origin, different, find_facts, tasks_of
-from rpil.formats.times import Clock, Times, clock_columns, find_clock
 from rpil.numerics.types import Array, Bool
 
 
@@ -38,8 +48,8 @@ class Recording:
     Attributes
     ----------
     description : Description
-    rows, columns, found, origin : Rows, Columns, Scan, Origin
-        The rows of the demonstrations, their columns, what one pass over them found, and where they come from.
+    steps, columns, found, origin : Steps, Columns, Scan, Origin
+        The steps of the demonstrations, their columns, what one pass over them found, and where they come from.
     clock : Clock, optional
         The column of time.
     ids : tuple
@@ -55,7 +65,7 @@ class Recording:
     """
 
     description: Description
-    rows: Rows
+    steps: Steps
     columns: Columns
     found: Scan
     origin: Origin
@@ -102,21 +112,21 @@ class Recording:
         """What is not read because it is damaged, or a value is missing, in sentences."""
         return left_out_lines(self.origin.skipped, self.set_aside)
 
-    @property
+    @cached_property
     def operators(self) -> list[tuple[str, object]]:
         """The different pairs of a demonstration's id, as text, and the value in the column of operators."""
-        return self.found.operators
+        return pairs_of(self.steps, self.columns.operator)
 
     @cached_property
     def tasks(self) -> dict[str, str]:
         """What was to be done in each demonstration, by its id as text; empty where the file does not say."""
-        return tasks_of(self.found.tasks, self.origin.metadata)
+        return tasks_of(pairs_of(self.steps, self.columns.task), self.origin.metadata)
 
     @property
     def interventions(self) -> Bool[Array, " N"] | None:
         """Whether a person had taken over in each step; None where no column says it."""
         name = self.columns.intervention
-        values = None if name is None else numbers_or_missing(read_columns(self.rows, [name])[name])
+        values = None if name is None else numbers_or_missing(self.steps.read([name])[name])
         return None if values is None or not np.isin(values, (0, 1)).all() else np.asarray(values[:, 0] > 0)
 
     def times(self) -> Times:
@@ -127,19 +137,16 @@ class Recording:
 
     def step_columns(self, steps: slice) -> pa.Table | None:
         """The numbers of its rows that the file itself has, such as ``index``, of some steps in their order."""
-        order = self.found.places.order
-        names = list(dict.fromkeys([*self.columns.index, *([order] if order else [])]))
-        if names or not self.rows.moved:
-            return read_columns(self.rows, names, steps) if names else None
-        return pa.table({"row": self.rows.numbers(np.arange(steps.start, steps.stop)) + 1})
+        names = [*self.columns.index, *([self.columns.order] if self.columns.order else [])]
+        if names or self.steps.place is None:
+            return self.steps.read(names, steps) if names else None
+        return pa.table({"row": self.steps.numbers(np.arange(steps.start, steps.stop)) + 1})
 
     @cached_property
     def facts(self) -> Facts:
         """Order, sessions and outcomes of the demonstrations; a `DataError` where a named column cannot say them."""
         with guarded(self.description.source):
-            places = self.found.places
-            table = read_columns(self.rows, list(dict.fromkeys([*clock_columns(self.columns), *self.columns.facts])))
-            return find_facts(table, self.columns, places, self.origin, files_of(self.rows, places.offsets[:-1]))
+            return find_facts(self.steps, self.columns, self.origin)
 
     @cached_property
     def demonstrations(self) -> Demonstrations | Dataset:
@@ -150,51 +157,76 @@ class Recording:
     def load(self, options: ColumnOptions) -> Demonstrations | Dataset:
         """The demonstrations, in memory if the rows are; a `DataError` where a value cannot be an action, or is missing
         or infinite and the options do not allow it."""
-        found, source = self.found, self.origin.source
-        actions, classes, places = found.actions, found.actions.classes, found.places
-        layout = replace(found.layout, allows_missing=options.allow_missing)
-        if actions.fault is not None and (actions.kind == "refused" or not options.allow_missing):
-            raise actions.fault
-        if actions.fault is not None and layout.action.kind in "iu":  # numbers with gaps are no classes
+        found, steps, layout = self.found, self.steps, replace(self.found.layout, allows_missing=options.allow_missing)
+        if found.fault is not None and (found.kind == "refused" or not options.allow_missing):
+            raise found.fault
+        classes, n = found.classes, len(layout.action_names)
+        if found.fault is not None and layout.action.kind in "iu":  # numbers with gaps are no classes
             layout, classes = replace(layout, action=np.dtype(np.float64), n_parts=1), np.empty(0)
-        values = classes, *found.action_range, options.memory
-        data = Dataset(places.ids, places.offsets, source, self.rows, layout, *values)
+        data = Dataset(
+            steps.ids,
+            steps.offsets,
+            steps.source,
+            steps,
+            layout,
+            classes,
+            found.low[:n],
+            found.high[:n],
+            options.memory,
+        )
         if not options.allow_missing:
-            data.refuse_faulty(found.statistics.faulty)
-        return data.select(slice(None)) if isinstance(self.rows, TableRows) else data
-
-    def chosen(self, mask: Array) -> Recording:
-        """The recording of the demonstrations of a mask (M,) alone, whose rows are scanned again."""
-        places, kept = self.found.places.only(mask)
-        rows, source = self.rows.chosen(kept), self.origin.source
-        again = scan(rows, self.found.asked.without(self.found.left_out), self.columns, source, places)
-        return from_scan(rows, self.columns, again, self.origin.only(places.ids))
+            data.refuse_faulty(found.faulty)
+        return data.select(slice(None)) if isinstance(steps.table, pa.Table) else data
 
 
 def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> Recording:
     """The recording of the demonstrations in tables that the options choose.
 
-    In memory the tables may lie in any order; on disk they never are in memory all.
+    A `DataError` where a demonstration that is to be chosen is unknown, or none is left.
     """
-    columns, origin, source, notes = found.columns, found.origin, found.origin.source, []
+    origin, source, notes = found.origin, found.origin.source, []
     if options.split_gap:
         notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
     if options.segment:
         notes.append(f"Each stretch of {options.segment:g} s is a demonstration.")
     if notes:
         origin = replace(origin.only(()), notes=(*notes, *origin.notes))
-    rows: Rows
-    if found.in_place is not None:
-        rows = found.in_place
-    elif options.on_disk:
-        rows = copied(found.tables, source, found.sizes)
+    if isinstance(found.tables, ArrowFile):
+        table: pa.Table | ArrowFile = found.tables
     else:
-        rows = TableRows(end_to_end([*found.tables], source), source, sizes=found.sizes)
-    places, rows = find_places(rows, columns, source, options)
-    head = next(rows.tables(0, len(rows), columns.data))[1]
-    layout = Layout.of(head, columns, origin.metadata.names)
-    recording = from_scan(rows, columns, scan(rows, layout, columns, source, places), origin)
-    return replace(with_chosen(recording, options), options=options)
+        table = ArrowFile.of(found.tables, source) if options.on_disk else end_to_end([*found.tables], source)
+    steps, columns = find_places(Steps(table, source, found.sizes), replace(found.columns, options=options))
+    layout = Layout.of(next(steps.tables(columns.data))[1], columns, origin.metadata.names)
+    ids, asked = steps.ids, _asked(steps.ids, options, source)
+    steps = steps.only(asked)
+    seen, left_out, aside = scan(steps, layout, columns), dict[str, str](), list[Id]()
+    if options.skip_bad is True and seen.faulty:
+        is_sound = ~np.isin(np.arange(len(steps.ids)), [*seen.faulty])
+        if not is_sound.any():
+            raise DataError(f"{source}: in every demonstration a value is missing or infinite; exclude the column.")
+        aside, left_out, steps = [steps.ids[m] for m in sorted(seen.faulty)], seen.left_out, steps.only(is_sound)
+        left = tuple(one for one in layout.observations if one.name not in left_out)
+        seen = scan(steps, replace(layout, observations=left), columns)
+    columns = columns.without_observations(left_out | seen.left_out)
+    columns = replace(columns, may_be_outcomes=tuple(_outcomes(steps, columns)))
+    origin = origin if len(steps.ids) == len(ids) else origin.only(steps.ids)
+    n_asked = f"{asked.sum():,} of {len(ids):,} demonstrations are read, as asked."
+    left_out_notes = (*([] if asked.all() else [n_asked]), *left_out_lines((), aside))
+    clock = find_clock(steps.read(clock_columns(columns)), columns, steps.offsets)
+    description = _describe(steps, columns, seen, origin, clock)
+    description = replace(description, notes=(*description.notes, *left_out_notes))
+    return Recording(description, steps, columns, seen, origin, clock, ids, options, set_aside=tuple(aside))
+
+
+def _asked(ids: Sequence[Id], options: ColumnOptions, source: str) -> Array:
+    """Whether each demonstration is among those that the options choose, (M,)."""
+    only, without = _listed(options.only), _listed(options.without)
+    mask = np.full(len(ids), not only)
+    mask[[*_numbers(only, ids, source, "only")]] = True
+    mask[[*_numbers(without, ids, source, "without")]] = False
+    if not mask.any():
+        raise DataError(f"{source}: <option> and <option> leave no demonstration; correct them.", ("only", "without"))
+    return mask
 
 
 def from_demonstrations(demonstrations: Demonstrations, format_name: str) -> StepTables:
@@ -212,108 +244,69 @@ def from_demonstrations(demonstrations: Demonstrations, format_name: str) -> Ste
     return StepTables([pa.table(table)], columns, origin, {d.source: d.n_steps})
 
 
-def from_scan(rows: Rows, columns: Columns, found: Scan, origin: Origin) -> Recording:
-    """The recording in rows that were read once; its demonstrations are in memory if the rows are."""
-    offsets = found.places.offsets
-    columns = columns.without_observations(found.left_out)
-    columns = replace(columns, may_be_outcomes=tuple(_outcomes(rows, columns, offsets)))
-    clock = find_clock(read_columns(rows, clock_columns(columns)), columns, offsets)
-    description = _describe(columns, found, origin, clock)
-    return Recording(description, rows, columns, found, origin, clock, found.places.ids)
-
-
-def _outcomes(rows: Rows, columns: Columns, offsets: Array) -> Iterator[str]:
+def _outcomes(steps: Steps, columns: Columns) -> Iterator[str]:
     """The columns that may be an outcome, without those that are read and the same for all demonstrations."""
-    table = read_columns(rows, [name for name in columns.may_be_outcomes if name in rows.schema.names])
+    table = steps.read(name for name in columns.may_be_outcomes if name in steps.table.schema.names)
     for name in columns.may_be_outcomes:
         values = numbers_or_missing(table[name]) if name in table.column_names else None
         if values is None:
             yield name
         elif values.shape[1] == 1:
-            outcome = outcome_of_steps(values[:, 0].astype(float), offsets, name)
+            outcome = outcome_of_steps(values[:, 0].astype(float), steps.offsets, name)
             if outcome is not None and tells(outcome):
                 yield name
 
 
-def _describe(columns: Columns, found: Scan, origin: Origin, clock: Clock | None) -> Description:
-    places, metadata, layout = found.places, origin.metadata, found.layout
-    n_steps = int(places.offsets[-1])
-    seconds, recorded = clock.seconds(places.offsets) if clock else (None, None)
+def _describe(steps: Steps, columns: Columns, found: Scan, origin: Origin, clock: Clock | None) -> Description:
+    metadata, layout, n_steps = origin.metadata, found.layout, len(steps)
+    seconds, recorded = clock.seconds(steps.offsets) if clock else (None, None)
+    operators, tasks = (pairs_of(steps, name) for name in (columns.operator, columns.task))
     # Columns of time are read for other things too than the order of the steps.
-    others = (name for name in (*columns.orders, *columns.index) if name != places.order)
+    others = (name for name in (*columns.orders, *columns.index) if name != columns.order)
     times, videos = dict.fromkeys(others, TIME_OF_STEP), dict.fromkeys(metadata.videos, "video")
     return Description(
         source=origin.source,
         format=origin.format_name,
-        demonstrations=len(places.ids),
+        demonstrations=len(steps.ids),
         steps=n_steps,
         observations=layout.observation_names,
         actions=layout.action_names,
-        action_kind=found.actions.kind,
-        action_reason=found.actions.reason,
+        action_kind=found.kind,
+        action_reason=found.reason,
         id_column=columns.episode,
-        order_column=places.order,
-        order=places.order_words,
+        order_column=columns.order,
+        order=columns.order_words,
         seconds=n_steps / metadata.fps if metadata.fps else seconds,
         fps=metadata.fps or recorded,
         operator_column=columns.operator,
-        operators=different(found.operators),
+        operators=different(operators),
         task_column=columns.task,
-        tasks=different(found.tasks, metadata.tasks),
+        tasks=different(tasks, metadata.tasks),
         ignored={**columns.ignored, **times, **videos, **layout.left_out, **origin.ignored},
-        missing=found.statistics.missing,
-        ranges=found.statistics.ranges(),
+        missing=found.missing_values(),
+        ranges=found.ranges(),
         outcomes={name: f"--outcome {shlex.quote(name)}" for name in columns.may_be_outcomes},
         notes=(
-            *_notes_on(columns.episode, found, metadata.fps, recorded),
+            *_notes_on(steps, columns.episode, found, metadata.fps, recorded),
             *origin.notes,
             *(left_out_lines(origin.skipped) if origin.skipped else ()),
-            *metadata.notes(len(places.ids), n_steps),
+            *metadata.notes(len(steps.ids), n_steps),
         ),
     )
 
 
-def _notes_on(ids: str, found: Scan, declared: float | None, recorded: float | None) -> Iterator[str]:
+def _notes_on(steps: Steps, ids: str, found: Scan, declared: float | None, recorded: float | None) -> Iterator[str]:
     """Sentences on `ids` of single steps, on frames a second, and on constant observations."""
-    places = found.places
-    if 1 < len(places.ids) == places.offsets[-1]:
+    if 1 < len(steps.ids) == len(steps):
         yield f"Each demonstration has one step: is {ids} the right column of the demonstration?"
     if declared and recorded and abs(recorded - declared) > 0.01 * declared:
         yield f"{declared:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}."
-    if constant := found.statistics.constant():
+    if constant := found.constant(steps):
         named = (f"observation {name}" if name.isdecimal() else name for name in constant)
         yield f"Constant in each demonstration: {commas(named)}; exclude what nobody could see."
 
 
 _RANGE = re.compile(r"(\d{1,18})\s*-\s*(\d{1,18})")
-
-
-def with_chosen(recording: Recording, options: ColumnOptions) -> Recording:
-    """The recording of the demonstrations that the options choose.
-
-    A `DataError` where an id is unknown, or none is left. On disk the rows of the others are skipped in each pass.
-    """
-    only, without = _listed(options.only), _listed(options.without)
-    if not (only or without or options.skip_bad):
-        return recording
-    ids, source = recording.ids, recording.description.source
-    mask = np.full(len(ids), not only)
-    mask[[*_numbers(only, ids, source, "only")]] = True
-    mask[[*_numbers(without, ids, source, "without")]] = False
-    if not mask.any():
-        raise DataError(f"{source}: <option> and <option> leave no demonstration; correct them.", ("only", "without"))
-    n_asked = int(mask.sum())
-    aside = [m for m in sorted(recording.found.statistics.faulty) if options.skip_bad is True and mask[m]]
-    mask[aside] = False
-    if not mask.any():
-        raise DataError(f"{source}: in every demonstration a value is missing or infinite; exclude the column.")
-    if mask.all():
-        return recording
-    found, names = recording.chosen(mask), tuple(ids[m] for m in aside)
-    asked = f"{n_asked:,} of {len(ids):,} demonstrations are read, as asked."
-    notes = (*found.description.notes, *([asked] if n_asked < len(ids) else []), *left_out_lines((), names))
-    described = replace(found.description, notes=notes)
-    return replace(found, description=described, ids=ids, set_aside=names)
 
 
 def _listed(wanted: Ids) -> list[Id]:

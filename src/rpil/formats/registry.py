@@ -11,7 +11,10 @@ from fnmatch import fnmatch
 from functools import partial
 from glob import has_magic
 from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+
+import pyarrow as pa
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError, optional
@@ -19,10 +22,10 @@ from rpil.data.files import StrPath, check_exists, check_extension, check_readab
 from rpil.data.folders import check_folder
 from rpil.data.guard import guarded, in_words
 from rpil.data.held import holding
-from rpil.data.memory import TooLargeError
+from rpil.data.memory import TooLargeError, check_memory
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, kept_of
+from rpil.formats.format import Format, StepTables, called, from_arrow, kept_of
 from rpil.formats.recording import Recording, from_tables
 
 _HUB_NAME = re.compile(r"(hf://datasets/)?([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)")
@@ -41,7 +44,7 @@ _HUB_FAILURES = {
 
 
 class Formats:
-    """The formats of modules of `rpil.formats`, each of which is imported when its turn comes."""
+    """The formats of `rpil.formats`, and of other packages: a module is imported when its turn comes."""
 
     def __init__(self, *modules: str) -> None:
         self._modules = modules
@@ -49,6 +52,21 @@ class Formats:
     def __iter__(self) -> Iterator[Format]:
         for module in self._modules:
             yield import_module(f"rpil.formats.{module}").FORMAT
+        for point in entry_points(group="rpil.formats"):
+            yield Format(point.name, called(point.name), partial(_read_foreign, point), suffixes=(point.name,))
+
+
+def _read_foreign(point: EntryPoint, path: Path, options: ColumnOptions) -> StepTables:
+    """The recording in the tables that the function of another package yields of a file."""
+
+    def checked() -> Iterator[pa.Table]:
+        n_bytes = 0
+        for table in point.load()(path):
+            n_bytes += table.nbytes
+            check_memory(0 if options.on_disk else n_bytes, path.name, options.memory)
+            yield table
+
+    return from_arrow(checked(), options, path.name, point.name)
 
 
 FORMATS: Iterable[Format] = Formats(

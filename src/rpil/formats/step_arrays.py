@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.arrays import Id, check_any
 from rpil.data.errors import DataError
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
-from rpil.formats.columns import ColumnOptions, Kind
+from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import StepTables
-from rpil.formats.table import BATCH_ROWS
-from rpil.formats.table_facts import Metadata, Origin
+from rpil.formats.metadata import Metadata, Origin
+from rpil.formats.table import BATCH_ROWS, Kind
 from rpil.numerics.types import Array
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 NO_STEPS, NOT_IN_FIRST = "not one value for each step", "not in the first demonstration"
 
@@ -104,8 +102,6 @@ def from_parts(
 
     A `DataError` where a column is not found or missing in a part, differs in shape, or takes too much memory.
     """
-    import pyarrow as pa
-
     empty = [str(part.about.get(id_column, k)) for k, part in enumerate(parts) if not part.n_steps]
     parts = [part for part in parts if part.n_steps]
     check_any(len(parts), source)
@@ -128,11 +124,10 @@ def from_parts(
     types = {m: None if is_text(own[0]) else np.result_type(*map(_native_type, own)) for m, own in dtypes.items()}
     tables = (
         pa.table(
-            {m: _column(part.arrays[m], rows, types[m]) for m in steps}
-            | {m: pa.repeat(part.about[m], rows.stop - rows.start) for m in whole}
+            {m: _column([part.arrays[m][rows] for part, rows in pieces], types[m]) for m in steps}
+            | {m: pa.array([part.about[m] for part, _ in pieces]).take(_owners(pieces)) for m in whole}
         )
-        for part in parts
-        for rows in (slice(k, min(k + BATCH_ROWS, part.n_steps)) for k in range(0, part.n_steps, BATCH_ROWS))
+        for pieces in _batches(parts)
     )
     if longer := [name for name in steps if any(part.arrays[name].shape[0] > part.n_steps for part in parts)]:
         notes = (*notes, f"The last value of {commas(longer)}, which comes after the last action, is left out.")
@@ -146,8 +141,6 @@ def without_steps(ids: Sequence[object]) -> tuple[str, ...]:
 
 def _kinds(part: Part) -> dict[str, Kind]:
     """The kind of every column by its type, and by its first values where it has one number a step."""
-    import pyarrow as pa
-
     kinds, head = {name: part.kind(name) for name in part.arrays}, {}
     for name in (name for name, kind in kinds.items() if kind == "number"):
         with suppress(DataError, OSError):  # of columns that are not read; of others it is said later
@@ -175,11 +168,33 @@ def _check(part: Part, first: Part, columns: Sequence[str], place: str) -> None:
             raise DataError(f"{place}: {name!r} has {fault}, not one row of as many numbers for each; leave it out.")
 
 
-def _column(array: StoredArray, rows: slice, dtype: np.dtype[np.generic] | None) -> pa.Array:
-    """One column of some steps: texts where there is no type, and lists of numbers where it has several a step."""
-    import pyarrow as pa
+Pieces = Sequence[tuple[Part, slice]]
+"""Some steps of parts."""
 
-    values = np.asarray(array[rows])
+
+def _batches(parts: Sequence[Part]) -> Iterator[Pieces]:
+    """All steps, of which about as many go together as a table has rows."""
+    pieces, n_rows = list[tuple[Part, slice]](), 0
+    for part in parts:
+        for first in range(0, part.n_steps, BATCH_ROWS):
+            rows = slice(first, min(first + BATCH_ROWS, part.n_steps))
+            pieces.append((part, rows))
+            n_rows += rows.stop - first
+            if n_rows >= BATCH_ROWS:
+                yield pieces
+                pieces, n_rows = [], 0
+    if pieces:
+        yield pieces
+
+
+def _owners(pieces: Pieces) -> Array:
+    """The number of the piece of each step."""
+    return np.repeat(np.arange(len(pieces)), [rows.stop - rows.start for _, rows in pieces])
+
+
+def _column(pieces: Sequence[object], dtype: np.dtype[np.generic] | None) -> pa.Array:
+    """One column of some steps: texts where there is no type, and lists of numbers where it has several a step."""
+    values = np.concatenate([np.asarray(one) for one in pieces])
     if dtype is None:
         texts = (value.decode() if isinstance(value, bytes) else str(value) for value in values.tolist())
         return pa.array(texts, pa.string())

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
@@ -14,9 +14,11 @@ from rpil.data.arrays import LONGEST_TEXT, are_whole, as_array, check_any
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.memory import check_memory
-from rpil.data.names import EPISODE, STEP, action_columns, short_name
-from rpil.formats.columns import Kind
+from rpil.data.names import EPISODE, STEP, action_columns, quoted, short_name
 from rpil.numerics.types import Array
+
+Kind = Literal["number", "list", "text", "written list", "mixed", "time", "counter", "empty", "nested"]
+"""Of a column's values; "mixed" is text in the place of some numbers, "counter" the number of the row."""
 
 Place = Callable[[int], str]
 """The place of a row of a table in messages: its file, demonstration and number."""
@@ -41,8 +43,7 @@ def kinds_of(head: pa.Table) -> dict[str, Kind]:
 
 def kind_of_type(kind: pa.DataType) -> Kind:
     """The kind of a column by its type."""
-    if pa.types.is_dictionary(kind):
-        kind = kind.value_type
+    kind = plain_type(kind)
     if pa.types.is_null(kind):
         return "empty"
     if _is_numeric(kind) or pa.types.is_decimal(kind):
@@ -111,6 +112,19 @@ def end_to_end(tables: Sequence[pa.Table], source: str) -> pa.Table:
         return pa.concat_tables(tables, promote_options="permissive")
     except pa.ArrowException as error:
         raise DataError(f"{source}: its demonstrations have columns of different types; write them alike.") from error
+
+
+def other_columns(name: str, first: str, names: Collection[str] = (), known: Collection[str] = ()) -> DataError:
+    """The error that the file `name` has other columns, these `names`, than the file `first`."""
+    differ = (quoted(sorted({*some} - {*others}), 5) for some, others in ((known, names), (names, known)))
+    which = " and ".join(f"{what} {some}" for what, some in zip(("without", "with"), differ, strict=True) if some)
+    said = f"its columns are not those of {first}{which and f' ({which})'}"
+    return DataError(f"{name}: {said}; give all files the same ones, or take it out.")
+
+
+def plain_type(kind: pa.DataType) -> pa.DataType:
+    """The type of the values of a column that may be encoded by a dictionary."""
+    return kind.value_type if pa.types.is_dictionary(kind) else kind
 
 
 def part_names(widths: Mapping[str, int], joints: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
@@ -247,19 +261,15 @@ def order_values(column: pa.ChunkedArray) -> Array | None:
     return values if values.dtype.kind in "iu" or (values.dtype.kind == "f" and np.isfinite(values).all()) else None
 
 
-def faulty_rows(column: pa.ChunkedArray, width: int | None, mask: Array | None) -> Array:
-    """Whether each row, (N,), of texts has none; or of lists has not `width` numbers, by default as many as the first.
-
-    Nor may a number in a list be missing or infinite, but for those that are not in the `mask`, if there is one.
-    """
-    if kind_of_type(column.type) != "list":
-        return np.array(column.is_null().to_numpy(), dtype=bool)
-    lists = column.to_pylist()
-    if mask is None:
-        mask = np.ones(width or next((len(row) for row in lists if row is not None), 0), dtype=bool)
-    missing = [float("nan")] * (len(mask) + 1)
-    numbers = (np.array(missing if row is None else row, dtype=float) for row in lists)
-    return np.array([len(row) != len(mask) or not np.isfinite(row[mask]).all() for row in numbers], dtype=bool)
+def padded(column: pa.ChunkedArray, width: int) -> Array:
+    """A column as (N, width) numbers, with NaN where a number, or list of as many, is missing; texts are 0 or NaN."""
+    values = numbers_or_missing(column)
+    if values is not None and values.shape[1] == width:
+        return values
+    if kind_of_type(column.type) == "list":
+        lists = (row if row is not None and len(row) == width else [None] * width for row in column.to_pylist())
+        return np.array([*lists], dtype=float).reshape(-1, width)
+    return np.where(column.is_null().to_numpy(), np.nan, 0.0)[:, None]
 
 
 def _is_list(kind: pa.DataType) -> bool:

@@ -6,8 +6,6 @@ import glob
 import itertools
 import os
 from collections.abc import Iterable
-from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path, PurePath, PurePosixPath
 
 from pyarrow import fs
@@ -20,7 +18,7 @@ from rpil.data.json_files import LARGEST_METADATA
 from rpil.data.names import OWN_TABLES
 from rpil.formats import csv, parquet
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.dialect import TEXT_SUFFIXES, find_dialect
+from rpil.formats.dialect import TEXT_SUFFIXES
 from rpil.formats.format import Format, StepTables
 from rpil.formats.meta_folder import choose_files
 
@@ -40,7 +38,7 @@ _REFUSED = {
 
 def read(path: StrPath, options: ColumnOptions) -> StepTables:
     """The recording in the Parquet files of a folder, or else in its text tables."""
-    filesystem, parquet_files, text_files, others = _found(path, options)
+    filesystem, parquet_files, text_files, others = _found(path)
     source = Path(str(path)).name or str(path)
     for inner in (*Path(path).glob("*/meta/info.json"), *Path(path).glob("*/*/meta/info.json")):
         raise DataError(f"{path}: in it is a folder of LeRobot, which is read alone; give {inner.parents[1]}.")
@@ -60,29 +58,17 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
     return parquet.read_files(filesystem, parquet_files, options, source).with_ignored(beside)
 
 
-def _found(path: StrPath, options: ColumnOptions) -> tuple[fs.FileSystem, list[str], list[str], list[str]]:
+def _found(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str], list[str]]:
     """The file system, the Parquet files, or else the text tables, and the names of other files that may hold data.
 
-    A .txt file may be any text, as a licence: it is read where it has the columns of a table, or no file is called so.
+    A .txt file may be any text, as a licence: it is read where no file has another ending of a table.
     """
     filesystem, parquet_files, texts = find_files(path)
     tables = [] if parquet_files else [one for one in texts if Path(one).name not in OWN_TABLES]
-    named = [one for one in tables if not one.lower().endswith((".txt", ".txt.gz"))]
-    if len(named) < len(tables):
-        first = _columns(named[0], options) if named else set()
-        rest = {one: _columns(one, options) for one in tables if one not in named}
-        tables = [one for one in tables if one in named or (rest[one] == first if named else len(rest[one]) != 1)]
-    read = {*tables}
+    tables = [one for one in tables if not one.lower().endswith((".txt", ".txt.gz"))] or tables
     arrays = [str(one) for one in sorted(Path(path).glob("*")) if one.suffix.lower() in _MAY_BE_DATA]
-    others = [Path(one).name for one in (*texts, *arrays) if one not in read]
+    others = [Path(one).name for one in (*texts, *arrays) if one not in {*tables}]
     return filesystem, parquet_files, tables, others
-
-
-def _columns(path: str, options: ColumnOptions) -> set[str]:
-    """The names of the columns of a text table; none where it cannot be read."""
-    with suppress(DataError):
-        return {*find_dialect(Path(path), replace(options, on_disk=True)).names}
-    return set()
 
 
 def has_tables(path: StrPath) -> bool:

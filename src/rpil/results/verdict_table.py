@@ -10,7 +10,7 @@ from types import MappingProxyType
 from rpil.data.files import StrPath, check_extension, replacing
 from rpil.data.run import RUN_KEY
 from rpil.faults.rule import Fault
-from rpil.formats.columns_file import write_columns
+from rpil.formats import write_columns
 from rpil.results.choice import Asked, Choice, choose, file_ids
 from rpil.results.provenance import PROVENANCE_KEY
 from rpil.results.result import AuditResult

@@ -44,7 +44,7 @@ class DaskEngine:
     """Passes run by the workers of a cluster, which keep the data; the results are those in memory, up to rounding.
 
     Workers need this package and memory for all data together; each gets one BLAS thread. The shards of a worker that
-    dies are read, or sent, again; so the scheduler keeps data that are in memory. Workers must find the files of a
+    dies are read, or sent, again; so the scheduler keeps data that are in memory. Workers must find the copy of a
     `Dataset` under the same path as this process.
 
     Parameters

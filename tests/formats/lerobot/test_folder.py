@@ -51,17 +51,15 @@ def test_data_are_believed_and_not_the_metadata(dataset):
         "meta/info.json says total_episodes = 5, but the data hold 4 demonstrations; the data decide.",
         "meta/info.json says total_frames = 30, but the data hold 22 steps; the data decide.",
     )
-    for on_disk in (False, True):
-        assert formats.read_recording(dataset, on_disk=on_disk).description.notes == expected
+    assert formats.read_recording(dataset).description.notes == expected
 
 
 def test_metadata_that_cannot_be_opened_are_refused(dataset):
     (dataset / "meta" / "info.json").unlink()
     assert formats.read_recording(dataset).description.format == "Parquet, 2 files"
     (dataset / "meta" / "info.json").mkdir()
-    for on_disk in (False, True):
-        with pytest.raises(DataError, match=r"info\.json: it cannot be read"):
-            formats.read_recording(dataset, on_disk=on_disk)
+    with pytest.raises(DataError, match=r"info\.json: it cannot be read"):
+        formats.read_recording(dataset)
 
 
 @pytest.mark.parametrize("output", ["k", "k.json"])

@@ -12,9 +12,8 @@ import numpy as np
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.guard import guarded
 from rpil.data.json_files import read_json
-from rpil.data.names import spans
 from rpil.data.text import duration
-from rpil.formats.description import commas
+from rpil.formats.description import commas, parts_in_words
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot import video
 from rpil.formats.lerobot.checked_folder import (
@@ -67,16 +66,9 @@ def in_times(folder: CheckedFolder, only: Collection[str] | None = None) -> Iter
         loads = f"{why}; LeRobot loads these rows all the same, for they have no videos"
         said = f"LeRobot cannot load these rows: {why}" if cameras(folder.info, "video") else loads
         remedy = f"write frame_index / {fps:.6g} in their place"
-        yield Defect("timestamps", _named([*wrong], folder), f"{said}; {remedy}")
-
-
-def _named(episodes: Sequence[int], folder: CheckedFolder) -> str:
-    """Some episodes of a folder in words, as "episodes 3 to 7 and 9"."""
-    if len(episodes) == len(folder.data):
-        return f"all {len(episodes)} episodes"
-    runs = np.split(np.sort(episodes), np.flatnonzero(np.diff(np.sort(episodes)) != 1) + 1)
-    texts = ", ".join(spans(run.tolist() for run in runs))
-    return f"episode{'s' * (len(episodes) > 1)} {' and '.join(texts.rsplit(', ', 1))}"
+        is_all = len(wrong) == len(folder.data)
+        place = f"all {len(wrong)} episodes" if is_all else parts_in_words(wrong, "episode", [])
+        yield Defect("timestamps", place, f"{said}; {remedy}")
 
 
 def in_videos(folder: CheckedFolder, look: bool) -> Iterator[Defect]:

@@ -7,19 +7,19 @@ import gc
 import os
 import pickle
 
-import pyarrow.parquet as pq
+import pyarrow as pa
 import pytest
 
 from rpil import Dataset, formats
 from rpil.data.errors import DataError
-from rpil.formats import read_recording, rows
+from rpil.formats import read_recording, steps
 from rpil.formats.columns import ColumnOptions
 from samples import assert_same_on_disk
 
 
 @pytest.fixture(autouse=True)
 def small_batches(monkeypatch):
-    monkeypatch.setattr(rows, "BATCH_ROWS", 7)
+    monkeypatch.setattr(steps, "BATCH_ROWS", 7)
     monkeypatch.setattr("rpil.formats.step_arrays.BATCH_ROWS", 7)
 
 
@@ -113,6 +113,6 @@ def test_a_full_disk_is_said(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(pq.ParquetWriter, "write_table", full)
+    monkeypatch.setattr(pa.ipc.RecordBatchFileWriter, "write_batch", full)
     with pytest.raises(DataError, match=r"a\.csv: a copy of its rows cannot be written .*No space left.*set TMPDIR"):
         read_recording(tmp_path / "a.csv", on_disk=True)

@@ -14,43 +14,38 @@ from problems import refused
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import ColumnOptions
-from rpil.formats.arrow import read_frame
 from samples import LENGTHS, OWNERS, SAMPLES, STATES, lerobot, table
 
 SUCCESS = np.array([0, 0, 0, 1, *[0] * 6, *[0] * 4, 1])
 """A flag of which only the last value of each demonstration counts: 1, 0, 1."""
 
 
-def facts(path, on_disk=False, **options):
-    return formats.read_recording(path, ColumnOptions(**options), on_disk=on_disk).facts
+def facts(path, **options):
+    return formats.read_recording(path, ColumnOptions(**options)).facts
 
 
-@pytest.mark.parametrize("on_disk", [False, True])
-def test_lerobot_states_the_order_by_its_index(tmp_path, on_disk):
-    found = facts(lerobot(tmp_path), on_disk)
+def test_lerobot_states_the_order_by_its_index(tmp_path):
+    found = facts(lerobot(tmp_path))
     np.testing.assert_array_equal(found.order, [0, 1, 2])
-    assert found.order_source == "episode_index"
 
 
-@pytest.mark.parametrize("on_disk", [False, True])
 @pytest.mark.parametrize("kind", ["int", "timestamp"])
-def test_wall_clock_times_state_the_order_and_clocks_of_episodes_do_not(tmp_path, on_disk, kind):
+def test_wall_clock_times_state_the_order_and_clocks_of_episodes_do_not(tmp_path, kind):
     starts = 1.7e9 + np.array([5000.0, 0.0, 900.0])
     seconds = starts[OWNERS] + np.concatenate([np.arange(n) for n in LENGTHS])
     values = {"int": (seconds * 1000).astype(int), "timestamp": seconds.astype("datetime64[s]")}
     wall = table().set_column(table().column_names.index("timestamp"), "timestamp", pa.array(values[kind]))
     pq.write_table(wall, tmp_path / "wall.parquet")
-    found = facts(tmp_path / "wall.parquet", on_disk)
+    found = facts(tmp_path / "wall.parquet")
     np.testing.assert_array_equal(found.order, starts)
-    assert found.order_source == "timestamp"
     pq.write_table(table(), tmp_path / "own.parquet")
-    assert facts(tmp_path / "own.parquet", on_disk).order is None
+    assert facts(tmp_path / "own.parquet").order is None
     copies = np.tile(seconds[:4], 3)  # three copies of one demonstration, each with the times of the first
     pq.write_table(
         pa.table({"episode": np.arange(12) // 4, "x": STATES[:12, 0], "a": STATES[:12, 1], "time": copies}),
         tmp_path / "c.parquet",
     )
-    assert facts(tmp_path / "c.parquet", on_disk).order is None
+    assert facts(tmp_path / "c.parquet").order is None
 
 
 @pytest.mark.parametrize("name", ["folder of CSV", "folder of Parquet"])
@@ -60,7 +55,6 @@ def test_a_file_each_states_no_order_as_one_file_with_these_ids_states_none(tmp_
     for old, new in (("0", "ep_10"), ("1", "ep_9"), ("2", "ep_11")):
         (path / f"{old}{suffix}").rename(path / f"{new}{suffix}")
     assert facts(path).order is None
-    assert suffix != ".parquet" or facts(path, True).order is None
 
 
 def write_table(path: Path, frame: pa.Table) -> None:
@@ -84,30 +78,30 @@ def written(folder: Path, suffix: str) -> Path:
     return path
 
 
-READS = [("parquet", True), ("csv", False), ("npz", False)]
+READS = ["parquet", "csv", "npz"]
 
 
-@pytest.mark.parametrize(("suffix", "on_disk"), READS)
-def test_outcomes_are_read_when_they_are_named_and_are_no_observations(tmp_path, suffix, on_disk):
+@pytest.mark.parametrize("suffix", READS)
+def test_outcomes_are_read_when_they_are_named_and_are_no_observations(tmp_path, suffix):
     path = written(tmp_path, suffix)
     rewards = [np.arange(15.0)[m == OWNERS].sum() for m in range(3)]
     for name, expected in (("next.success", [1, 0, 1]), ("reward", rewards), ("length", LENGTHS)):
-        np.testing.assert_array_equal(facts(path, on_disk, outcome=name).outcomes, [expected])
-        worse = facts(path, on_disk, outcome=("length", f"-{name}"))
+        np.testing.assert_array_equal(facts(path, outcome=name).outcomes, [expected])
+        worse = facts(path, outcome=("length", f"-{name}"))
         np.testing.assert_array_equal(worse.outcomes[1], float(name == "next.success") - np.array(expected))
         assert (worse.outcome_names, worse.outcomes[0].tolist()) == (("length", f"-{name}"), [*LENGTHS])
-    assert facts(path, on_disk).outcomes == ()
-    seen = formats.read_recording(path, ColumnOptions(outcome="half"), on_disk=on_disk)
+    assert facts(path).outcomes == ()
+    seen = formats.read_recording(path, ColumnOptions(outcome="half"))
     assert "half" not in seen.description.observations
     with refused(r"'half' changes within .*'next.success', 'reward', 'length'"):
         seen.facts  # noqa: B018
     with refused("'nothing'"):
-        facts(path, on_disk, outcome="nothing")
+        facts(path, outcome="nothing")
 
 
-@pytest.mark.parametrize(("suffix", "on_disk"), READS)
-def test_candidates_are_named_with_the_option(tmp_path, suffix, on_disk):
-    description = formats.read_recording(written(tmp_path, suffix), on_disk=on_disk).description
+@pytest.mark.parametrize("suffix", READS)
+def test_candidates_are_named_with_the_option(tmp_path, suffix):
+    description = formats.read_recording(written(tmp_path, suffix)).description
     assert description.to_dict()["outcomes"] == {
         "next.success": "--outcome next.success",
         "reward": "--outcome reward",
@@ -115,21 +109,21 @@ def test_candidates_are_named_with_the_option(tmp_path, suffix, on_disk):
     assert any("--outcome next.success" in line for line in description.lines())
 
 
-@pytest.mark.parametrize(("suffix", "on_disk"), READS[:-1])
-def test_what_is_the_same_for_all_or_no_outcome_is_no_candidate(tmp_path, suffix, on_disk):
+@pytest.mark.parametrize("suffix", READS[:-1])
+def test_what_is_the_same_for_all_or_no_outcome_is_no_candidate(tmp_path, suffix):
     last = np.append(OWNERS[1:] != OWNERS[:-1], True).astype(int)
     columns = {"episode": OWNERS, "x": STATES[:, 0], "action": OWNERS % 2, "next.done": last, "score": np.arange(15.0)}
     path = tmp_path / f"a.{suffix}"
     write_table(path, pa.table(columns | {"success": SUCCESS}))
-    read = formats.read_recording(path, ColumnOptions(outcome="score"), on_disk=on_disk)
+    read = formats.read_recording(path, ColumnOptions(outcome="score"))
     assert [*read.description.outcomes] == ["success"]
     with pytest.raises(DataError, match=r"'score' changes within .*outcome= \('success', 'length' may do\)"):
         read.facts  # noqa: B018
 
 
-@pytest.mark.parametrize(("suffix", "on_disk"), [*READS[:-1], ("frame", False)])
+@pytest.mark.parametrize("suffix", [*READS[:-1], "frame"])
 @pytest.mark.parametrize("role", ["id", "operator", "task", "order", "session"])
-def test_a_column_that_is_called_like_an_outcome_may_have_another_role(tmp_path, suffix, on_disk, role):
+def test_a_column_that_is_called_like_an_outcome_may_have_another_role(tmp_path, suffix, role):
     """Such a column is read once, and is not proposed as the outcome too."""
     states, rewards = STATES[:, 0], np.arange(15.0)
     columns = {"x": states, "action": OWNERS % 2, "score": rewards if role == "order" else OWNERS % 3}
@@ -139,7 +133,7 @@ def test_a_column_that_is_called_like_an_outcome_may_have_another_role(tmp_path,
         write_table(path, frame)
     options = ColumnOptions(**{role: "score"})
     source = frame if suffix == "frame" else path
-    read = read_frame(source, options) if suffix == "frame" else formats.read_recording(path, options, on_disk=on_disk)
+    read = formats.read_recording(source if suffix == "frame" else path, options)
     np.testing.assert_array_equal([*map(str, read.demonstrations.ids)], ["0", "1", "2"])
     assert [*read.description.outcomes] == ["success"]
     said = {"operator": read.operators, "task": read.tasks}.get(role)
@@ -156,26 +150,26 @@ def test_a_flag_is_no_id(tmp_path, name, values):
     pq.write_table(frame, tmp_path / "a.parquet")
     pa.csv.write_csv(frame, tmp_path / "a.csv")
     said = f"column '{name}' is yes or no, and no id; where it marks the ends of demonstrations, .*: numpy.cumsum"
-    for file, on_disk in (("a.parquet", False), ("a.parquet", True), ("a.csv", False)):
+    for file in ("a.parquet", "a.csv"):
         with refused(said):
-            formats.read_recording(tmp_path / file, ColumnOptions(id=name), on_disk=on_disk)
+            formats.read_recording(tmp_path / file, ColumnOptions(id=name))
     with pytest.raises(DataError, match=said):
-        read_frame(frame, ColumnOptions(id=name))
+        formats.read_recording(frame, ColumnOptions(id=name))
     np.savez(tmp_path / "a.npz", observations=STATES[:15], actions=OWNERS, **{name: rows[:15] == 1})
     with pytest.raises(DataError, match=f"column '{name}' is yes or no"):
         formats.read(tmp_path / "a.npz", id=name)
 
 
-@pytest.mark.parametrize(("suffix", "on_disk"), READS)
-def test_sessions_are_read_and_no_observations(tmp_path, suffix, on_disk):
+@pytest.mark.parametrize("suffix", READS)
+def test_sessions_are_read_and_no_observations(tmp_path, suffix):
     path = written(tmp_path, suffix)
-    recording = formats.read_recording(path, ColumnOptions(session="day"), on_disk=on_disk)
+    recording = formats.read_recording(path, ColumnOptions(session="day"))
     assert recording.facts.sessions == ("mon", "tue", "mon")
     assert "day" not in recording.description.observations
-    assert facts(path, on_disk, session="file").sessions == (path.name,) * 3
-    assert facts(path, on_disk).sessions == ()
+    assert facts(path, session="file").sessions == (path.name,) * 3
+    assert facts(path).sessions == ()
     with refused("demonstration 0: column 'half' changes"):
-        facts(path, on_disk, session="half")
+        facts(path, session="half")
 
 
 def test_an_outcome_that_is_named_as_data_too_is_refused(tmp_path):

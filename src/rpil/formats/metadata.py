@@ -1,0 +1,316 @@
+"""What a recording says beside its steps: metadata, times, operators and tasks, and facts for who asks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import PurePosixPath
+
+import numpy as np
+import pyarrow as pa
+
+from rpil.data.arrays import Id, are_whole
+from rpil.data.errors import DataError
+from rpil.data.json_files import Parsed
+from rpil.data.names import EPISODE, TIMESTAMP, plain_name, quoted
+from rpil.data.recorded_facts import FILE_SESSION, Facts, outcome_of_steps
+from rpil.data.text import counted
+from rpil.formats.columns import LENGTH, Columns
+from rpil.formats.steps import Steps
+from rpil.formats.table import encoded, numbers_or_missing, order_values
+from rpil.numerics.types import Array, Float
+
+MAX_NAMES = 20
+"""Tasks and operators of a description, at most."""
+
+SIZES = "total_episodes", "total_frames"
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """What a recording says of itself: attributes of a file, or LeRobot's ``meta``; empty where it says nothing."""
+
+    version: str = ""
+    fps: float | None = None
+    names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # of the numbers in a column of lists
+    tasks: Mapping[str, str] = field(default_factory=dict)  # by task_index, as text
+    videos: tuple[str, ...] = ()  # observations that lie beside the table
+    n_cameras: int = 0  # of videos and of images
+    strays: tuple[str, ...] = ()  # data files that ``meta`` does not list
+    sizes: Mapping[str, float] = field(default_factory=dict)  # declared numbers of demonstrations and steps
+    lengths: Mapping[Id, int] = field(default_factory=dict)  # declared steps of each demonstration
+    unusable: tuple[str, ...] = ()  # what ``meta`` says and cannot be used
+    facts: Mapping[str, Mapping[str, Parsed]] = field(default_factory=dict)  # of ``meta/episodes``: column, id, value
+
+    def notes(self, n_demonstrations: int, n_steps: int) -> tuple[str, ...]:
+        """What ``meta`` says otherwise than the data, or cannot be used of it, in sentences."""
+        counts = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
+        values = {name: [*dict.fromkeys(map(str, by_id.values()))] for name, by_id in self.facts.items()}
+        facts = ", ".join([f"{name} ({quoted(some, 4)})" for name, some in values.items() if len(some) > 1][:8])
+        unseen = f"{counted(self.n_cameras, 'camera')} {'are' if self.n_cameras > 1 else 'is'} not used"
+        found = (
+            self.unusable and f"Left out of meta, because it cannot be used: {', '.join(self.unusable)}.",
+            self.strays and f"Left out, because meta does not list them: {quoted(self.strays, 5)}.",
+            self.n_cameras and f"{unseen}: what only pictures show is not known here.",
+            facts and f"meta has of each demonstration {facts}: name one with --operator, --session or --outcome.",
+            *(
+                f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data decide."
+                for name, (n, what) in counts.items()
+                if self.sizes.get(name, n) != n
+            ),
+        )
+        return tuple(str(text) for text in found if text)
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where the M demonstrations of a table come from.
+
+    Attributes
+    ----------
+    source : str
+        The name of the data in messages.
+    format_name : str
+    metadata : Metadata
+        Of LeRobot.
+    notes : tuple of str
+        What a user should know, in sentences.
+    ignored : mapping of str to str
+        Parts of the file that are no columns, and why they are not read.
+    skipped : tuple of str
+        Damaged files and lines, which are not read.
+    """
+
+    source: str
+    format_name: str
+    metadata: Metadata = Metadata()
+    notes: tuple[str, ...] = ()
+    ignored: Mapping[str, str] = field(default_factory=dict)
+    skipped: tuple[str, ...] = ()
+
+    def only(self, ids: Sequence[Id]) -> Origin:
+        """The same of the demonstrations `ids` alone; declared totals are of all, and so of no use."""
+        lengths = {m: self.metadata.lengths[m] for m in ids if m in self.metadata.lengths}
+        return replace(self, metadata=replace(self.metadata, sizes={}, lengths=lengths))
+
+
+def find_facts(steps: Steps, columns: Columns, origin: Origin) -> Facts:
+    """The facts about the M demonstrations.
+
+    A `DataError` where the column of the session or of the outcome, which the user names, cannot be one.
+    """
+    table = steps.read([*clock_columns(columns), *columns.facts])
+    files, order = steps.files(steps.offsets[:-1]), None
+    are_numbers = plain_name(columns.episode) == EPISODE[0] and isinstance(steps.ids[0], int)
+    if files and origin.metadata.version and are_numbers:  # LeRobot numbers them in their order
+        order = np.array(steps.ids, dtype=float)
+    elif files:
+        order = start_times({name: table[name] for name in clock_columns(columns)}, steps.offsets)
+    sessions = () if columns.session is None else _sessions(table, columns.session, steps, files)
+    outcomes = tuple(_outcome(table, name, columns, steps.offsets, origin.source) for name in columns.outcomes)
+    return Facts(order, sessions, outcomes, columns.outcomes)
+
+
+def _sessions(table: pa.Table, name: str, steps: Steps, files: Sequence[str]) -> tuple[str, ...]:
+    """The session of each demonstration."""
+    if name == FILE_SESSION and name not in table.column_names:
+        if not files:
+            raise DataError(f"{steps.source}: its files make no sessions; name a column with <option>.", "session")
+        return tuple(files)
+    values, codes = encoded(table[name])
+    low, high = (extreme.reduceat(codes, steps.offsets[:-1]) for extreme in (np.minimum, np.maximum))
+    wrong = np.flatnonzero((low < 0) | (low != high))
+    if len(wrong):
+        fault = "has no value" if low[wrong[0]] < 0 else "changes"
+        raise DataError(
+            f"{steps.source}, demonstration {steps.ids[wrong[0]]!r}: column {name!r} {fault} within it; give it one "
+            "session."
+        )
+    return tuple(str(values[code]) for code in low.tolist())
+
+
+def _outcome(table: pa.Table, wanted: str, columns: Columns, offsets: Array, source: str) -> Float[Array, " M"]:
+    """The outcome of each demonstration in the `wanted` column, with NaN where it is not known."""
+    name = wanted.removeprefix("-")
+    others = quoted([*(other for other in columns.may_be_outcomes if other != name), LENGTH])
+    ways = f"name another column with <option> ({others} may do)"
+    found: Array | None = np.diff(offsets).astype(float)
+    if name != LENGTH:
+        values = numbers_or_missing(table[name])
+        if values is None or values.shape[1] != 1:
+            raise DataError(f"{source}: column {name!r} is not of one number for each step; {ways}.", "outcome")
+        found = outcome_of_steps(values[:, 0].astype(float), offsets, name)
+    if found is None:
+        raise DataError(
+            f"{source}: column {name!r} changes within demonstrations and is neither a reward nor a flag of 0 and 1, "
+            f"so that nothing says which value is the outcome; {ways}.",
+            "outcome",
+        )
+    return (
+        found if wanted == name else float(np.isin(found[~np.isnan(found)], (0, 1)).all()) - found
+    )  # a flag stays one
+
+
+def file_names(paths: Iterable[str]) -> list[str]:
+    """Names of files, with their folders where two are called alike."""
+    whole = list(paths)
+    short = [PurePosixPath(path).name for path in whole]
+    return short if len(set(short)) == len(set(whole)) else whole
+
+
+def pairs_of(steps: Steps, name: str | None) -> list[tuple[str, object]]:
+    """The different pairs of id, as text, and value of a column, if there is one, in the order of the file."""
+    if name is None:
+        return []
+    values, codes = encoded(steps.read([name])[name])
+    each = np.repeat(np.arange(len(steps.ids)), np.diff(steps.offsets))
+    _, first = np.unique(each * (len(values) + 1) + codes, return_index=True)
+    values = [int(v) if isinstance(v, float) and are_whole(np.array([v])) else v for v in values] + [None]
+    owners = each[np.sort(first)]
+    return [(str(steps.ids[m]), values[codes[row]]) for m, row in zip(owners.tolist(), np.sort(first), strict=True)]
+
+
+def tasks_of(pairs: Sequence[tuple[str, object]], metadata: Metadata) -> dict[str, str]:
+    """The task of each demonstration from pairs of its id and the values of a column; several are one task together."""
+    names: dict[str, list[str]] = {}
+    for m, value in pairs:
+        names.setdefault(m, []).append("" if value is None else metadata.tasks.get(str(value), str(value)))
+    return {m: "; ".join(sorted(tasks)) for m, tasks in names.items()}
+
+
+def different(pairs: Iterable[tuple[str, object]], names: Mapping[str, str] | None = None) -> tuple[str, ...]:
+    """The different values of pairs of id and value, the first ones, by their `names` if they have any."""
+    values = dict.fromkeys(str(value) for _, value in pairs if value is not None)
+    return tuple((names or {}).get(value, value) for value in list(values)[:MAX_NAMES])
+
+
+_UNITS = {"s sec secs seconds": 1.0, "ms msec msecs": 1e-3, "us": 1e-6, "ns nsec nsecs nanosec": 1e-9}
+_SECONDS = {unit: seconds for units, seconds in _UNITS.items() for unit in units.split()}
+_WORDS_OF_TIME = {"t", "ts", "time", "timestamp", "timestamps", "stamp", "elapsed", "clock"}
+_WALL_CLOCK = 5e8, 1e10
+"""Seconds since 1970 from 1985 to 2286: times of day, and times since a recorder was started, are far from these."""
+
+
+@dataclass(frozen=True, eq=False)
+class Times:
+    """What a recording says about its times and lengths.
+
+    Attributes
+    ----------
+    timestamps : (N,) array, optional
+        Time of each step in seconds, in the order of the demonstrations; NaN where it is missing.
+    fps : float, optional
+        Frames a second.
+    frames : mapping of id to int
+        Frames that each demonstration should have.
+    """
+
+    timestamps: Float[Array, " N"] | None = None
+    fps: float | None = None
+    frames: Mapping[Id, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """A column of time."""
+
+    ticks: Float[Array, " N"]
+    """Of each step, in the order of the demonstrations, from the smallest on; NaN where it is missing."""
+    unit: float | None
+    """Seconds in a tick, None where neither type, name nor size says it: then it is taken to be a second."""
+
+    def seconds(self, offsets: Array) -> tuple[float | None, float | None]:
+        """Duration of all demonstrations in seconds, and steps a second; None where they are not known."""
+        lengths, step = self.lengths(offsets), usual_step(np.diff(self.ticks))
+        if self.unit is None or step is None or not np.all(lengths >= 0):
+            return None, None
+        return float(lengths.sum() * self.unit), 1 / (step * self.unit)
+
+    def lengths(self, offsets: Array) -> Float[Array, " M"]:
+        """Of the demonstrations, in ticks."""
+        return np.asarray(self.ticks[offsets[1:] - 1] - self.ticks[offsets[:-1]])
+
+
+def usual_step(steps: Array) -> float | None:
+    """The mean of the usual ones among the times between two rows, to which pauses do not belong; None without any."""
+    steps = steps[steps > 0]
+    return float(steps[steps <= 1.5 * np.median(steps)].mean()) if len(steps) else None
+
+
+def clock_columns(columns: Columns) -> list[str]:
+    """The columns that may hold the time of each step, the likeliest first."""
+    named = [name for name in columns.all if plain_name(name) in TIMESTAMP]
+    return list(dict.fromkeys([*columns.orders, *named, *columns.times]))
+
+
+def find_clock(table: pa.Table, columns: Columns, offsets: Array) -> Clock | None:
+    """The first column of time whose unit is known, or else one that is called so; None where there is none.
+
+    The rows of the table are in the order of the demonstrations.
+    """
+    found: list[Clock] = []
+    for name in clock_columns(columns):
+        missing = np.asarray(table[name].is_null(nan_is_null=True).to_numpy(), dtype=bool)
+        values = order_values(table[name].filter(~missing))
+        if values is None or not len(values):
+            continue
+        ticks = np.full(len(missing), np.nan)
+        ticks[~missing] = values - values.min()
+        clock = Clock(ticks, unit_of(name, table[name].type, values))
+        is_named = plain_name(name) in TIMESTAMP
+        passes = (np.diff(ticks) > 0).any() and not (clock.lengths(offsets) < 0).any()
+        if is_named or (clock.unit is not None and passes):
+            found.append(clock)
+    return next((clock for clock in found if clock.unit is not None), found[0] if found else None)
+
+
+def unit_of(name: str, kind: pa.DataType, values: Array) -> float | None:
+    """Seconds in one unit of a column of time; by its type, its name, or the size of a time since 1970."""
+    if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_time(kind):
+        return _SECONDS[kind.unit]
+    words = plain_name(name).split("_")
+    if words[-1] in _SECONDS and len(words) > 1:
+        return _SECONDS[words[-1]]
+    largest = float(np.abs(values).max())
+    for limit, unit in ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3)):
+        if largest > limit:
+            return unit
+    if not _WORDS_OF_TIME & set(words):
+        return None
+    return 1.0 if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)) else None
+
+
+def start_times(columns: Mapping[str, pa.ChunkedArray], offsets: Array) -> Array | None:
+    """When each demonstration starts, by the first of the `columns` in which each has a wall-clock time of its own.
+
+    The columns are in the order of the demonstrations. None where none has: clocks that begin anew with each
+    demonstration, or with the recorder, do not tell which demonstration came first.
+    """
+    for name, column in columns.items():
+        seconds = _since_1970(name, column)
+        if seconds is not None and len(np.unique(starts := seconds[offsets[:-1]])) == len(starts):
+            return starts.astype(float)
+    return None
+
+
+def _since_1970(name: str, column: pa.ChunkedArray) -> Array | None:
+    """Seconds since 1970; None where a value is missing or is no wall-clock time."""
+    if pa.types.is_date(column.type):
+        column = column.cast(pa.timestamp("s"))
+    values = order_values(column)
+    if values is None or not len(values) or pa.types.is_duration(column.type) or pa.types.is_time(column.type):
+        return None
+    seconds = values * (unit_of(name, column.type, values) or 1.0)
+    low, high = _WALL_CLOCK
+    return seconds if low < seconds.min() and seconds.max() < high else None
+
+
+def with_facts(
+    tables: Iterable[pa.Table], episode: str, facts: Mapping[str, Mapping[str, Parsed]]
+) -> Iterator[pa.Table]:
+    """The tables with a column for each of the `facts`, which have a value for each id."""
+    for table in tables:
+        ids, rows = encoded(table[episode])
+        for name, by_id in facts.items():
+            table = table.append_column(name, pa.array([by_id.get(str(m)) for m in ids]).take(pa.array(rows)))
+        yield table

@@ -1,0 +1,196 @@
+"""The steps of a recording: an Arrow table in memory, or one in a temporary file, which is read in the same batches.
+
+What does not fit in memory is written once to a file of Arrow, whatever its format, because a fit makes dozens of
+passes. The file is removed when its rows are no longer needed, or when the process ends.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import weakref
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import compress
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from rpil.data.arrays import Id, check_any
+from rpil.data.errors import DataError
+from rpil.data.guard import guarded
+from rpil.formats.table import BATCH_ROWS, Place, plain_type
+from rpil.numerics.types import Array, Int
+
+
+class ArrowFile:
+    """A temporary file of Arrow with batches of `n_batch` rows; it is removed with the object that wrote it."""
+
+    def __init__(self, path: Path, schema: pa.Schema, n_rows: int, n_batch: int) -> None:
+        self.path, self.schema, self._n_rows, self.n_batch = path, schema, n_rows, n_batch
+
+    def __len__(self) -> int:
+        return self._n_rows
+
+    def __reduce__(self) -> tuple[type[ArrowFile], tuple[object, ...]]:
+        """Another process reads the file and never removes it."""
+        return ArrowFile, (self.path, self.schema, self._n_rows, self.n_batch)
+
+    def batch(self, number: int, columns: Sequence[str]) -> pa.Table:
+        """Some columns of a batch; its pages are mapped into memory for as long as the table is there."""
+        fields = sorted(self.schema.get_field_index(name) for name in columns)
+        with guarded(self.path), pa.memory_map(str(self.path)) as mapped:
+            reader = pa.ipc.open_file(mapped, options=pa.ipc.IpcReadOptions(included_fields=fields))
+            return pa.Table.from_batches([reader.get_batch(number)]).select(columns)
+
+    @classmethod
+    def of(cls, tables: Iterable[pa.Table], source: str) -> ArrowFile:
+        """The file of `tables` one below the other, which is called `source` in messages.
+
+        A `DataError` where it cannot be written, where there are no tables, or where they have columns of other types.
+        """
+        waiting = iter(tables)
+        first = next(waiting, None)
+        check_any(int(first is not None), source)
+        assert first is not None
+        schema = pa.schema([one.with_type(plain_type(one.type)) for one in first.schema])
+        with _writing(source):
+            folder = tempfile.mkdtemp(prefix="rpil-")
+            path = Path(folder, "rows.arrow")
+            sink = pa.OSFile(str(path), "wb")
+            writer = pa.ipc.new_file(sink, schema)
+        new = cls(path, schema, 0, BATCH_ROWS)
+        weakref.finalize(new, _remove, folder, os.getpid())
+        for batch in _batches(first, waiting, schema, source):  # whose errors are those of the data
+            new._n_rows += len(batch)
+            with _writing(source):
+                writer.write_batch(batch)
+        with _writing(source):
+            writer.close()
+            sink.close()
+        return new
+
+
+def _remove(folder: str, process: int) -> None:
+    if os.getpid() == process:  # and not a process that was forked from it
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _batches(first: pa.Table, others: Iterator[pa.Table], schema: pa.Schema, source: str) -> Iterator[pa.RecordBatch]:
+    """The rows of tables in batches of the same size, but for the last one."""
+    waiting, table = schema.empty_table(), first
+    while table is not None:
+        try:
+            waiting = pa.concat_tables([waiting, table.cast(schema)])
+        except (pa.ArrowInvalid, ValueError) as error:
+            said = "a column holds values of other types further on; write them alike, or allow more with <option>"
+            raise DataError(f"{source}: {said}.", "memory") from error
+        table = next(others, None)
+        while len(waiting) >= BATCH_ROWS or (table is None and len(waiting)):
+            yield waiting.slice(0, BATCH_ROWS).combine_chunks().to_batches()[0]
+            waiting = waiting.slice(BATCH_ROWS)
+
+
+@contextmanager
+def _writing(name: str) -> Iterator[None]:
+    """Name the folder of the copy in errors of writing."""
+    try:
+        yield
+    except OSError as error:
+        raise DataError(
+            f"{name}: a copy of its rows cannot be written to {os.environ.get('TMPDIR', 'the temporary folder')} "
+            f"({error.strerror or 'it cannot be used'}); set TMPDIR to another folder, or read the data into memory."
+        ) from error
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """The steps of M demonstrations end to end, in order, a row of the `table` each.
+
+    Attributes
+    ----------
+    source : str
+        The name of the data in messages.
+    sizes : mapping of str to int
+        The numbers of rows from each file; none for formats in which files say nothing of demonstrations.
+    place : (N,) array, optional
+        The number that each row has in the files; None where all stay where they are, and none is left out.
+    ids, offsets : tuple, (M + 1,) array
+        Of the demonstrations; there are none before these are known.
+    """
+
+    table: pa.Table | ArrowFile
+    source: str
+    sizes: Mapping[str, int] = field(default_factory=dict)
+    place: Array | None = None
+    ids: tuple[Id, ...] = ()
+    offsets: Int[Array, " _"] = field(default_factory=lambda: np.zeros(1, np.int64))
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    def taken(self, rows: Array) -> Steps:
+        """Some of the rows, in this order."""
+        if isinstance(self.table, pa.Table):
+            return replace(self, table=self.table.take(rows), place=self.numbers(rows))
+        table, parts = self.table, np.split(rows, range(BATCH_ROWS, len(rows), BATCH_ROWS))
+
+        def some(part: Array) -> pa.Table:
+            numbers, own = np.unique(part // table.n_batch, return_inverse=True)
+            batches = pa.concat_tables([table.batch(k, table.schema.names) for k in numbers.tolist()])
+            return batches.take(own * table.n_batch + part % table.n_batch)
+
+        return replace(self, table=ArrowFile.of(map(some, parts), self.source), place=self.numbers(rows))
+
+    def only(self, mask: Array) -> Steps:
+        """The demonstrations of a mask (M,) alone."""
+        if mask.all():
+            return self
+        lengths = np.diff(self.offsets)
+        ids, offsets = tuple(compress(self.ids, mask)), np.append(0, np.cumsum(lengths[mask]))
+        return replace(self.taken(np.flatnonzero(np.repeat(mask, lengths))), ids=ids, offsets=offsets)
+
+    def part(self, first: int, end: int) -> Steps:
+        """The same table with the demonstrations ``first:end``, whose rows keep their numbers."""
+        return replace(self, ids=self.ids[first:end], offsets=self.offsets[first : end + 1])
+
+    def tables(
+        self, columns: Sequence[str], first: int = 0, last: int | None = None
+    ) -> Iterator[tuple[int, pa.Table, Place]]:
+        """Rows ``first:last`` in tables: the first row of each, the table, and the place of a row for messages."""
+        last = len(self) if last is None else last
+        size = self.table.n_batch if isinstance(self.table, ArrowFile) else BATCH_ROWS
+        whole = self.table.select(columns) if isinstance(self.table, pa.Table) else None
+        for start in range(first - first % size, last, size):
+            a, b = max(start, first), min(start + size, last)
+            table = self.table.batch(start // size, columns).slice(a - start) if whole is None else whole.slice(a)
+            yield a, table.slice(0, b - a), partial(self.place_of, a)
+
+    def place_of(self, first: int, row: int) -> str:
+        """The file, the demonstration, and the number in the file of row ``first + row``, for messages."""
+        m = int(np.searchsorted(self.offsets, first + row, side="right")) - 1
+        number, name = int(self.numbers(np.array([first + row]))[0]), self.source
+        if len(self.sizes) > 1:
+            ends = np.cumsum([0, *self.sizes.values()])
+            k = int(np.searchsorted(ends, number, side="right")) - 1
+            number, name = number - int(ends[k]), [*self.sizes][k]
+        return f"{name}{f', demonstration {self.ids[m]!r}' if m < len(self.ids) else ''}, row {number + 1}"
+
+    def numbers(self, rows: Array) -> Array:
+        """The numbers that some rows have in the files, one below the other, from 0."""
+        return rows if self.place is None else self.place[rows]
+
+    def files(self, some: Array) -> list[str]:
+        """The file of each of `some` rows, no two alike; none where files say nothing of demonstrations."""
+        names, ends = list(self.sizes), np.cumsum(list(self.sizes.values()))
+        return [names[k] for k in np.searchsorted(ends, self.numbers(some), side="right").tolist()] if names else []
+
+    def read(self, names: Iterable[str], steps: slice = slice(0, None)) -> pa.Table:
+        """Some columns, no two alike, of some of the rows, or of all."""
+        columns = list(dict.fromkeys(names))
+        tables = [table for _, table, _ in self.tables(columns, steps.start, steps.stop)] if columns else []
+        return pa.concat_tables(tables, promote_options="permissive") if tables else pa.table({})
