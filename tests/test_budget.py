@@ -24,7 +24,7 @@ BUDGETS = {
     "estimators": (2329, 19),
     "faults": (2254, 79),
     "formats": (6935, 73),
-    "inference": (2113, 85),
+    "inference": (2122, 85),
     "mixture": (797, 20),
     "numerics": (551, 14),
     "policies": (1344, 49),

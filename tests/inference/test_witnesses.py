@@ -13,6 +13,7 @@ from hand_made import answers_of
 from rpil.inference.settings import AnswerSettings
 from rpil.inference.witnesses import (
     NOTHING,
+    are_opposed,
     held_out,
     is_contrast,
     levels_of,
@@ -242,3 +243,18 @@ def test_two_witnesses_that_err_together_do_not_confirm_each_other(n_labels, bes
     found = weigh(rows, labels, n_pairs, np.column_stack([twins, flags])[:, : 2 + beside], SETTINGS)
     assert (found.confirmed > 0.5).tolist() == [False, False, True][: 2 + beside]
     assert np.abs(found.evidence[:, :2]).max() < 0.2
+
+
+def test_two_witnesses_that_contradict_each_other_are_not_confirmed_without_an_answer():
+    assert are_opposed(np.repeat([0, 1], 8), np.repeat([1, 0], 8))
+    assert not are_opposed(np.repeat([0, 1], 8), np.repeat([0, 1], 8))
+    assert not are_opposed(np.repeat([0, 1], 8), np.tile([0, 1], 8))
+    assert not are_opposed(np.zeros(16, dtype=int), np.tile([0, 1], 8))
+    rng = np.random.default_rng(0)
+    good = np.arange(80) % 2
+    rows = np.column_stack([np.ones(80), 2.0 * good + rng.normal(size=80), np.zeros(80)])
+    grade = good + 0.3 * rng.normal(size=80)
+    for sign, sure in ((1, True), (-1, False)):
+        both = np.column_stack([grade, sign * good])
+        found = weigh(rows, np.zeros(80), 0, both, SETTINGS)
+        assert ((found.confirmed > 0.5) == sure).all()

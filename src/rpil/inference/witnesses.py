@@ -142,7 +142,8 @@ def weigh(
             others[: len(values)] += np.delete(found, [k, *alike[k]], axis=1).sum(axis=1)
             if not is_contrast(others, n_pairs):  # nothing else tells how reliable it is
                 new[:, k] = log_ratio(counts)[level]
-                confirmed[k] = reliability(held_out(rows, new[:, k], settings), level, counts)[1]
+                agrees = all(not are_opposed(level, levels[j]) for j in alike[k])
+                confirmed[k] = agrees * reliability(held_out(rows, new[:, k], settings), level, counts)[1]
                 continue
             log_odds = regression(rows, others, n_pairs, settings)(rows[: len(values)]) + others[: len(values)]
             ratio, confirmed[k] = reliability(log_odds, level, counts)
@@ -188,6 +189,14 @@ def most_alike(levels: list[Int[Array, " M"]]) -> list[list[int]]:
         alike = np.abs(np.nan_to_num(np.corrcoef(levels)))
     np.fill_diagonal(alike, -1.0)
     return [[int(k)] for k in alike.argmax(axis=1)]
+
+
+def are_opposed(level: Int[Array, " M"], other: Int[Array, " M"]) -> bool:
+    """Whether one witness is low where the other one is high, by more than chance."""
+    known = (level >= 0) & (other >= 0)
+    if len({*level[known].tolist()}) < 2 or len({*other[known].tolist()}) < 2:
+        return False
+    return bool(np.corrcoef(level[known], other[known])[0, 1] * np.sqrt(known.sum()) < -2)
 
 
 def reliability(
