@@ -26,7 +26,7 @@ def test_notes_are_read_as_they_were_written(tmp_path, before):
         cells = [cell for row in csv.reader(file, delimiter=comma) for cell in row if cell]
     assert not [cell for cell in cells if cell[0] in "=+-@\t\r\n＝"], "a spreadsheet computes none of them"
     if before:
-        assert path.read_bytes().splitlines()[1].startswith(before.splitlines()[1]), "rows that were there keep their cells"
+        assert path.read_bytes().splitlines()[1].startswith(before.splitlines()[1]), "old rows keep their cells"
 
 
 def test_a_label_replaces_the_one_before(tmp_path):

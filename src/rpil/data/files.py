@@ -81,7 +81,7 @@ def check_writable(path: StrPath) -> Path:
 
 @contextmanager
 def replacing(path: StrPath) -> Iterator[Path]:
-    """Yield a path beside `path` to write to, a file or a folder, which replaces `path` if the block ends without error.
+    """Yield a path beside `path` to write to, a file or folder, which replaces `path` if the block ends without error.
 
     A `DataError` where `path` cannot be written; a file that was there stays as it was, and a file that is replaced
     gives its permissions to the new one.
