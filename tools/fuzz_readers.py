@@ -64,7 +64,16 @@ MAX_GROWTH = 500e6  # bytes
 MEMORY = "300MB"  # that data may take
 _LIMIT = 12 << 30  # of the address space: a fault is to end a process, not the machine
 
-LIBRARIES = ("h5py", "hdf5_files", "numcodecs", "pyarrow.compute", "pyarrow.csv", "pyarrow.parquet", "rpil.estimators.rpil", "zarr")
+LIBRARIES = (
+    "h5py",
+    "hdf5_files",
+    "numcodecs",
+    "pyarrow.compute",
+    "pyarrow.csv",
+    "pyarrow.parquet",
+    "rpil.estimators.rpil",
+    "zarr",
+)
 Server = subprocess.Popen[str]
 Maker = Callable[[Path], Path]
 Reader = Callable[[Path, Path], object]
