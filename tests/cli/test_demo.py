@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import sys
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from xml.etree import ElementTree
@@ -12,10 +14,12 @@ import numpy as np
 import pytest
 
 from html_page import Page
+from rpil import Settings
 from rpil.cli import demo
 from rpil.data.errors import DataError
 from rpil.faults.checking import check
 from rpil.inference.findings import FINDINGS
+from rpil.inference.settings import HeldOutSettings, JudgeSettings, PartSettings
 from rpil.results.overview import look_first
 
 ROOT = Path(__file__).parents[2]
@@ -92,6 +96,15 @@ def test_report_has_the_people_and_both_comparisons(result: demo.DemoResult, pag
     assert FINDINGS[result.people.finding] in parsed.text
     (view,) = (json.loads(text) for text in re.findall(r'<script type="application/json">(.*?)</script>', page))
     assert len(view["demonstrations"]["id"]) == len(view["drawings"]) == 32
+
+
+def test_without_gymnasium_no_policy_flies(monkeypatch: pytest.MonkeyPatch) -> None:
+    quick = Settings(judge=JudgeSettings(parts=PartSettings(max_steps=300), held_out=HeldOutSettings(max_folds=2)))
+    monkeypatch.setattr(demo, "RPIL", partial(demo.RPIL, settings=quick))
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    result = demo.run()
+    assert result.returns == {}
+    assert re.fullmatch(r"No policy has flown\. .*rpil\[gym\].*", result.sentences()[-1])
 
 
 def test_one_landing_is_refused() -> None:
