@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Thin products gain nothing from BLAS threads, and lose a lot on a busy machine.
 export OPENBLAS_NUM_THREADS ?= 1
+# Without bytecode every process compiles what it imports, and two workers all tests: half a minute.
+unexport PYTHONDONTWRITEBYTECODE
 # One process for each core; tests of one file share their fixtures, so that a file stays in one process.
 IN_PARALLEL ?= --numprocesses 2 --dist loadfile --quiet
 

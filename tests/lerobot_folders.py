@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -140,12 +141,18 @@ def change_info(root: Path, **values: Any) -> None:
     place.write_text(json.dumps(json.loads(place.read_text()) | values))
 
 
-def frames_at(path: Path, times: Any) -> list[np.ndarray[Any, Any]]:
-    """The frames shown at these times, which must be those of frames, as LeRobot demands."""
+@lru_cache(maxsize=4)
+def _shown(path: Path, changed: int) -> dict[float, np.ndarray[Any, Any]]:
+    """The frames of a video, which was last `changed` then, by their times."""
     import av
 
     with av.open(str(path)) as file:
-        shown = {float(frame.time): frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)}
+        return {float(frame.time): frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)}
+
+
+def frames_at(path: Path, times: Any) -> list[np.ndarray[Any, Any]]:
+    """The frames shown at these times, which must be those of frames, as LeRobot demands."""
+    shown = _shown(path, path.stat().st_mtime_ns)
     known = np.array(sorted(shown))
     nearest = [known[np.argmin(np.abs(known - time))] for time in times]
     np.testing.assert_allclose(nearest, times, atol=1e-4)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import sys
-from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from xml.etree import ElementTree
@@ -14,12 +13,10 @@ import numpy as np
 import pytest
 
 from html_page import Page
-from rpil import Settings
 from rpil.cli import demo
 from rpil.data.errors import DataError
 from rpil.faults.checking import check
 from rpil.inference.findings import FINDINGS
-from rpil.inference.settings import HeldOutSettings, JudgeSettings, PartSettings
 from rpil.results.overview import look_first
 
 ROOT = Path(__file__).parents[2]
@@ -99,8 +96,9 @@ def test_report_has_the_people_and_both_comparisons(result: demo.DemoResult, pag
 
 
 def test_without_gymnasium_no_policy_flies(monkeypatch: pytest.MonkeyPatch) -> None:
-    quick = Settings(judge=JudgeSettings(parts=PartSettings(max_steps=300), held_out=HeldOutSettings(max_folds=2)))
-    monkeypatch.setattr(demo, "RPIL", partial(demo.RPIL, settings=quick))
+    is_good = demo.load_truth(demo.LUNARLANDER, "is_good")
+    monkeypatch.setattr(demo, "OVERCOOKED", demo.LUNARLANDER)  # which is judged in a second
+    monkeypatch.setattr(demo, "load_truth", lambda *_: is_good)
     monkeypatch.setitem(sys.modules, "gymnasium", None)
     result = demo.run()
     assert result.returns == {}

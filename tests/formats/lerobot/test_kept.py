@@ -41,7 +41,9 @@ def assert_same(new, old, first=0, end=None):
             assert new["rows"][name].to_pylist() == old["rows"][name].to_pylist()[first:end]
 
 
-@pytest.fixture(scope="module", params=[*product(("v3.0", "v2.1"), CODED)], ids="-".join)
+@pytest.fixture(
+    scope="module", params=[*product(["v3.0"], CODED), *product(["v2.1"], ("both ways", "mpeg4"))], ids="-".join
+)
 def drive(request, tmp_path_factory):
     """A folder of this version with videos of this kind, where they can be written, which no test changes: the version,
     the kind, the folder and what is read of it."""
@@ -57,7 +59,7 @@ def drive(request, tmp_path_factory):
 
 def test_frames_of_kept_episodes_are_the_same(tmp_path, drive):
     _, coded, root, old = drive
-    for ids in ([1, 2, 4, 6], [0, 1, 2], [5]):
+    for ids in ([1, 2, 4, 6], [0, 1, 2]):
         output = tmp_path / f"kept{len(ids)}"
         find(root).keep(output, ids)
         new = folders.read(output)
