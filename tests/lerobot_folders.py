@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import atexit
 import json
+import shutil
+import tempfile
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import lru_cache
@@ -14,6 +17,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 FPS = 20
+_MADE: dict[tuple[object, ...], Path] = {}
+"""Folders that were made, by what was asked for."""
+
 STATISTICS = ("min", "max", "mean", "std", "count", "q10")
 
 
@@ -61,7 +67,25 @@ def write(
     options: dict[str, str] | None = None,
     per_file: int = 3,
 ) -> Path:
-    """Episodes whose every frame differs; of 3.0 `per_file` share one."""
+    """Episodes whose every frame differs; of 3.0 `per_file` share one. A folder is made once, and then copied."""
+    asked = tuple(lengths), version, tuple(cameras), codec, repr(options), per_file
+    if asked not in _MADE:
+        folder = Path(tempfile.mkdtemp())
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        _MADE[asked] = _make(folder / "made", lengths, version, cameras, codec, options, per_file)
+    shutil.copytree(_MADE[asked], root, dirs_exist_ok=True)
+    return root
+
+
+def _make(
+    root: Path,
+    lengths: Sequence[int],
+    version: str,
+    cameras: Sequence[str],
+    codec: str,
+    options: dict[str, str] | None,
+    per_file: int,
+) -> Path:
     options = {"g": "2", "crf": "30"} if options is None else options
     rng, n, rows, whole = np.random.default_rng(0), sum(lengths), [], {}
     episode = np.repeat(np.arange(len(lengths)), lengths)
