@@ -13,10 +13,12 @@ import numpy as np
 import pytest
 
 from html_page import Page
+from rpil import RPIL, Settings
 from rpil.cli import demo
 from rpil.data.errors import DataError
 from rpil.faults.checking import check
 from rpil.inference.findings import FINDINGS
+from rpil.inference.settings import JudgeSettings, PartSettings
 from rpil.results.overview import look_first
 
 ROOT = Path(__file__).parents[2]
@@ -31,7 +33,15 @@ def stages() -> list[str]:
 
 @pytest.fixture(scope="module")
 def result(stages: list[str]) -> demo.DemoResult:
-    return demo.run(progress=stages.append)
+    """Where the parts that a learner would trust are found from few steps of the people: nothing here reads these."""
+    few_steps = Settings(judge=JudgeSettings(parts=PartSettings(max_steps=1_000)))
+
+    def fast(features: str, **given: object) -> RPIL:
+        return RPIL(features, **given, settings=few_steps if features == "raw" else None)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(demo, "RPIL", fast)
+        return demo.run(progress=stages.append)
 
 
 @pytest.fixture(scope="module")
