@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from unicodedata import category
 
 MAX_LISTED_NAMES, MAX_IDS = 5, 20
 """Names in one sentence, and ids in one printed line."""
@@ -11,7 +12,7 @@ MAX_LISTED_NAMES, MAX_IDS = 5, 20
 def printable(name: object, kept: str = "") -> str:
     """The text of a name, with escapes in the place of characters that cannot be seen, such as control characters,
     marks that reverse the direction of writing, and lone surrogates, which no file can hold; those in `kept` stay."""
-    return "".join(sign if sign.isprintable() or sign in kept else repr(sign)[1:-1] for sign in str(name))
+    return "".join(sign if sign in kept or category(sign)[0] != "C" else repr(sign)[1:-1] for sign in str(name))
 
 
 def one_line(name: object) -> str:
