@@ -52,6 +52,7 @@ MEASURE = """
 import os, re, sys
 from pathlib import Path
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+from rpil.inference.settings import HeldOutSettings, JudgeSettings, PartSettings
 from rpil.scale.settings import AscentSettings, SampleSettings
 import rpil, rpil.estimators.rpil, rpil.formats.dataset, sklearn.preprocessing, pyarrow.parquet, pyarrow.fs
 
@@ -62,7 +63,8 @@ before = peak()
 data = rpil.open(sys.argv[1], on_disk=True).demonstrations
 sample = SampleSettings(min_steps=5000, steps_per_coefficient=20, block_steps=8192)
 ascent = AscentSettings(max_passes=1)
-model = rpil.RPIL("raw", settings=rpil.Settings(sample=sample, ascent=ascent)).fit(data)
+judge = JudgeSettings(held_out=HeldOutSettings(max_folds=2, ridges=(0.01,)), parts=PartSettings(max_steps=1000))
+model = rpil.RPIL("raw", settings=rpil.Settings(sample=sample, ascent=ascent, judge=judge)).fit(data)
 assert len(model.audit_.step_weight) == data.n_steps
 print(peak() - before)
 """
