@@ -24,7 +24,7 @@ demo: $(VENV)/.made
 check: lint
 	$(BIN)/python -m pytest $(IN_PARALLEL) -m "not slow"
 
-# Everything: five minutes on two cores (nine minutes of CPU).
+# Everything: four minutes on two cores (six minutes of CPU).
 test: $(VENV)/.made
 	$(BIN)/python -m pytest $(IN_PARALLEL)
 
