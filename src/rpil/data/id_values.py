@@ -201,7 +201,9 @@ def label_codes(labels: Mapping[Any, str], ids: Sequence[object], source: str = 
     A `DataError` on an unknown label or id.
     """
     check_ids(labels, ids, source, "the labels")
-    words, _ = parse_labels(labels, ids)
+    words, pairs = parse_labels(labels, ids)
+    if pairs:
+        raise DataError(f"{source}: {quoted(pairs, 1)} compares two demonstrations; give labels, 'good' or 'bad'.")
     codes = {None: 0, "good": 1, "bad": -1}
     return np.array([codes[words.get(str(m))] for m in ids], dtype=np.int64)
 
