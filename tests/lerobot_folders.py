@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import json
+import shutil
+import tempfile
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +17,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 FPS = 20
+_MADE: dict[tuple[object, ...], Path] = {}
+"""Folders that were made, by what was asked for."""
+
 STATISTICS = ("min", "max", "mean", "std", "count", "q10")
 
 
@@ -60,7 +67,25 @@ def write(
     options: dict[str, str] | None = None,
     per_file: int = 3,
 ) -> Path:
-    """Episodes whose every frame differs; of 3.0 `per_file` share one."""
+    """Episodes whose every frame differs; of 3.0 `per_file` share one. A folder is made once, and then copied."""
+    asked = tuple(lengths), version, tuple(cameras), codec, repr(options), per_file
+    if asked not in _MADE:
+        folder = Path(tempfile.mkdtemp())
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        _MADE[asked] = _make(folder / "made", lengths, version, cameras, codec, options, per_file)
+    shutil.copytree(_MADE[asked], root, dirs_exist_ok=True)
+    return root
+
+
+def _make(
+    root: Path,
+    lengths: Sequence[int],
+    version: str,
+    cameras: Sequence[str],
+    codec: str,
+    options: dict[str, str] | None,
+    per_file: int,
+) -> Path:
     options = {"g": "2", "crf": "30"} if options is None else options
     rng, n, rows, whole = np.random.default_rng(0), sum(lengths), [], {}
     episode = np.repeat(np.arange(len(lengths)), lengths)
@@ -140,12 +165,18 @@ def change_info(root: Path, **values: Any) -> None:
     place.write_text(json.dumps(json.loads(place.read_text()) | values))
 
 
-def frames_at(path: Path, times: Any) -> list[np.ndarray[Any, Any]]:
-    """The frames shown at these times, which must be those of frames, as LeRobot demands."""
+@lru_cache(maxsize=4)
+def _shown(path: Path, changed: int) -> dict[float, np.ndarray[Any, Any]]:
+    """The frames of a video, which was last `changed` then, by their times."""
     import av
 
     with av.open(str(path)) as file:
-        shown = {float(frame.time): frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)}
+        return {float(frame.time): frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)}
+
+
+def frames_at(path: Path, times: Any) -> list[np.ndarray[Any, Any]]:
+    """The frames shown at these times, which must be those of frames, as LeRobot demands."""
+    shown = _shown(path, path.stat().st_mtime_ns)
     known = np.array(sorted(shown))
     nearest = [known[np.argmin(np.abs(known - time))] for time in times]
     np.testing.assert_allclose(nearest, times, atol=1e-4)

@@ -20,7 +20,7 @@ ROOT = TOOL["ROOT"]
 
 BUDGETS = {
     "cli": (2836, 26),
-    "data": (3165, 35),
+    "data": (3073, 35),
     "estimators": (2329, 19),
     "faults": (2254, 79),
     "formats": (6935, 73),
@@ -29,7 +29,7 @@ BUDGETS = {
     "numerics": (551, 14),
     "policies": (1344, 49),
     "results": (3192, 56),
-    "scale": (695, 21),
+    "scale": (683, 21),
     "simulation": (428, 0),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""

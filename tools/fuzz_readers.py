@@ -53,7 +53,7 @@ from rpil.data import memory
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.faults.report import read_expected
 from rpil.formats.dataset import Dataset
-from rpil.formats.registry import find
+from rpil.formats.registry import FORMATS, find
 from rpil.results.choice import read_verdicts
 from samples import SAMPLES, demonstrations
 
@@ -64,7 +64,16 @@ MAX_GROWTH = 500e6  # bytes
 MEMORY = "300MB"  # that data may take
 _LIMIT = 12 << 30  # of the address space: a fault is to end a process, not the machine
 
-LIBRARIES = ("h5py", "numcodecs", "pyarrow.compute", "pyarrow.csv", "pyarrow.parquet", "rpil.estimators.rpil", "zarr")
+LIBRARIES = (
+    "h5py",
+    "hdf5_files",
+    "numcodecs",
+    "pyarrow.compute",
+    "pyarrow.csv",
+    "pyarrow.parquet",
+    "rpil.estimators.rpil",
+    "zarr",
+)
 Server = subprocess.Popen[str]
 Maker = Callable[[Path], Path]
 Reader = Callable[[Path, Path], object]
@@ -235,11 +244,12 @@ def serve() -> None:
     memory.free_memory = lambda: memory.parse_size(MEMORY) / memory.FREE_SHARE
     for library in LIBRARIES:
         import_module(library)
+    tuple(FORMATS)  # which imports them
     for line in sys.stdin:
         child = os.fork()
         if child == 0:
             work(*json.loads(line))
-            return
+            os._exit(0)  # Python takes as long to end as it takes to read twenty mutants
         print("exit code", os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 
 

@@ -170,14 +170,14 @@ def places(tree: ast.AST) -> Iterator[tuple[ast.AST, str, int | None]]:
             yield from places(child)
 
 
-def mutants(source: str) -> list[tuple[int, str, str, str]]:
-    """Of a module, every mutant: the line, the code before and after, and the source."""
+def mutants(source: str, with_source: bool = True) -> list[tuple[int, str, str, str]]:
+    """Of a module, every mutant: the line, the code before and after, and the source, which takes most of the time."""
     tree, found = ast.parse(source), []
     for parent, name, index in list(places(tree)):
         before = getattr(parent, name) if index is None else getattr(parent, name)[index]
         for other in changed(before):
             put(parent, name, index, ast.copy_location(other, before))
-            text = ast.unparse(ast.fix_missing_locations(tree))
+            text = ast.unparse(ast.fix_missing_locations(tree)) if with_source else ""
             put(parent, name, index, before)
             found.append((before.lineno, short(before), short(other), text))
     return found

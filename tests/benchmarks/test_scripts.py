@@ -28,7 +28,11 @@ ARGUMENTS = {
     "peers": ["--quick", "--processes", "1"],
     "ablations": ["--quick"],
     "paper": PAPER,
-    "speed": ["--quick", "--rows", "A,B,D,J,K,O,P"],  # not those that start a cluster or other interpreters
+    "speed": [
+        "--quick",
+        "--rows",
+        "A,D,J,K,O,P",
+    ],  # not those that take seconds, or start processes
 }
 
 
@@ -152,9 +156,8 @@ def test_speed(written):
             assert ("skipped" in details) == (key not in found)
         if "skipped" not in details:
             assert np.isfinite([found[letter], *(found[key] for key in row.goals)]).all()
-    for letter in "AB":  # both fits reach the same optimum: otherwise the ratio would compare nothing
-        details = found["details"][letter]
-        norms, names = details["gradient_norms"], details["compared_with"].values()
-        assert details["same_norm"]
-        assert max(norms[name] for name in names) <= 2 * norms["ours"] <= 2e-6
-        assert details["auroc"] == 1.0
+    details = found["details"]["A"]  # both fits reach the same optimum: otherwise the ratio would compare nothing
+    norms, names = details["gradient_norms"], details["compared_with"].values()
+    assert details["same_norm"]
+    assert max(norms[name] for name in names) <= 2 * norms["ours"] <= 2e-6
+    assert details["auroc"] == 1.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from importlib.resources import files
 from pathlib import Path
 from xml.etree import ElementTree
@@ -12,10 +13,12 @@ import numpy as np
 import pytest
 
 from html_page import Page
+from rpil import RPIL, Settings
 from rpil.cli import demo
 from rpil.data.errors import DataError
 from rpil.faults.checking import check
 from rpil.inference.findings import FINDINGS
+from rpil.inference.settings import JudgeSettings, PartSettings
 from rpil.results.overview import look_first
 
 ROOT = Path(__file__).parents[2]
@@ -30,7 +33,15 @@ def stages() -> list[str]:
 
 @pytest.fixture(scope="module")
 def result(stages: list[str]) -> demo.DemoResult:
-    return demo.run(progress=stages.append)
+    """Where the parts that a learner would trust are found from few steps of the people: nothing here reads these."""
+    few_steps = Settings(judge=JudgeSettings(parts=PartSettings(max_steps=1_000)))
+
+    def fast(features: str, **given: object) -> RPIL:
+        return RPIL(features, **given, settings=few_steps if features == "raw" else None)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(demo, "RPIL", fast)
+        return demo.run(progress=stages.append)
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +103,16 @@ def test_report_has_the_people_and_both_comparisons(result: demo.DemoResult, pag
     assert FINDINGS[result.people.finding] in parsed.text
     (view,) = (json.loads(text) for text in re.findall(r'<script type="application/json">(.*?)</script>', page))
     assert len(view["demonstrations"]["id"]) == len(view["drawings"]) == 32
+
+
+def test_without_gymnasium_no_policy_flies(monkeypatch: pytest.MonkeyPatch) -> None:
+    is_good = demo.load_truth(demo.LUNARLANDER, "is_good")
+    monkeypatch.setattr(demo, "OVERCOOKED", demo.LUNARLANDER)  # which is judged in a second
+    monkeypatch.setattr(demo, "load_truth", lambda *_: is_good)
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    result = demo.run()
+    assert result.returns == {}
+    assert re.fullmatch(r"No policy has flown\. .*rpil\[gym\].*", result.sentences()[-1])
 
 
 def test_one_landing_is_refused() -> None:

@@ -68,12 +68,12 @@ def test_what_cannot_be_told_or_is_skipped_is_not_written_and_not_asked_again(da
     assert len(set(asked)) == len(asked) == 10
     assert rows() == ["id,label", f"{asked[8]},good"]
     assert re.findall(r"Question (\d) of", out) == ["1", "1", "2", "2", "3", "3", "4", "4", "5", "5", "6"]
-    out = label("5" + "u" * 7, data, "--labels", "other.json")
+    out = label("5" + "u" * 7, data, "--labels", "other.csv")
     pair = sorted(re.search(r"better: (\d+).* or (\d+)", out).groups())
-    assert json.loads(Path("other.json").read_text()) == {pair[0]: f"same as {pair[1]}"}
+    assert Path("other.csv").read_text().splitlines()[1:] == [f"{pair[0]},same as {pair[1]}"]
     assert out.count("Question") == MAX_QUESTIONS
     assert "Nothing more is asked in this run." in out
-    assert out.endswith("--labels other.json\n")
+    assert out.endswith("--labels other.csv\n")
 
 
 def test_an_interruption_leaves_the_answers(data, monkeypatch):
@@ -96,7 +96,7 @@ def test_an_interruption_leaves_the_answers(data, monkeypatch):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--labels", "l.txt"], "use one of .csv, .json"),
+        (["--labels", "l.json"], "unknown extension '.json' for labels; use one of .csv"),
         (["--labels", "nowhere/l.csv"], "there is no folder nowhere"),
         (["--adversary", "marginal"], "keeps nothing to learn from answers; leave out --adversary"),
         (["--labels", "bad.csv"], "bad.csv, '4' and '3': two answers contradict"),

@@ -83,7 +83,7 @@ def test_nothing_that_another_wrote_is_replaced_without_a_second_word(data):
     others = ["keep.json", "verdicts.csv", "weights.parquet", *FINISHED[1:3]]
     for name in others:
         Path(name).write_text("MINE")
-    with reviewing(data, "--labels", "mine.json") as (_, client):
+    with reviewing(data, "--labels", "mine.csv") as (_, client):
         assert client.answer(0, "b", 3)[0] == 200
         status, answer = client.post("/api/finish", version=1, write=True)
         sentence = "Replace mine-verdicts.csv and mine-weights.parquet? This run did not write them."
@@ -107,7 +107,7 @@ def test_nothing_that_another_wrote_is_replaced_without_a_second_word(data):
         status, answer = client.post("/api/finish", version=2, write=True, replace=["mine-keep.json"])
         assert (status, answer["error"].partition(",")[0]) == (400, "mine-keep.json: it is a link")
     assert {Path(name).read_text() for name in (*others[:3], "mine-keep.json")} == {"MINE"}
-    assert sorted(path.name for path in Path().iterdir()) == sorted({*others, *FINISHED, "mine.json"})
+    assert sorted(path.name for path in Path().iterdir()) == sorted({*others, *FINISHED, "mine.csv"})
 
 
 def test_without_the_extra_it_is_named_before_any_work(monkeypatch):

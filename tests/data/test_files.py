@@ -127,7 +127,7 @@ def test_a_name_that_is_too_long_is_named_itself(tmp_path):
     ("name", "there", "guess"),
     [
         ("drives.csv", "drive.csv", "drive.csv"),
-        ("drive.csv", "drive.parquet", "drive.parquet"),
+        ("drive.csv", "drive.parquet", None),
         ("nothere.csv", "three.csv", None),
         ("mk", "mk.py", None),
         ("drive.xlsx", "drives.zip", None),

@@ -97,7 +97,7 @@ def zipped_zarr(path):
         for file in sorted(file for file in folder.rglob("*") if file.is_file()):
             archive.write(file, file.relative_to(folder))
         with archive.open("data/action/0.0", "w", force_zip64=True) as member:
-            for _ in range(100):
+            for _ in range(20):
                 member.write(bytes(10**7))
 
 
@@ -168,10 +168,10 @@ def lists(n):
 
 
 def array_of_zeros():
-    shape = (2 * 10**8,)
+    shape = (2 * 10**7,)
     head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}}}".ljust(117) + "\n"
     yield b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head.encode()
-    for _ in range(160):
+    for _ in range(16):
         yield bytes(10**7)
 
 
@@ -186,8 +186,8 @@ def labels(path):
 
 
 def no_chunk_of_many_rows(path):
-    one_value = {"shape": [10**8, 1], "chunks": [1, 1], "dtype": "<f8"}
-    zarr_store(ends=gzip.compress(np.array([5 * 10**7, 10**8]).tobytes()), **one_value)(path)
+    one_value = {"shape": [10**7, 1], "chunks": [1, 1], "dtype": "<f8"}
+    zarr_store(ends=gzip.compress(np.array([5 * 10**6, 10**7]).tobytes()), **one_value)(path)
     header = path / "data/state/.zarray"
     header.write_text(json.dumps(json.loads(header.read_text()) | one_value))
     (path / "data/state/0.0").unlink()
@@ -226,12 +226,12 @@ FILES = {
     "huge-actions.hdf5": (flat(actions=(2**40, 2)), READ),
     "huge-ends.hdf5": (flat(terminals=(36, 2**30)), READ),
     "huge-mask.hdf5": (robomimic(huge_mask), "hostile:keep_first"),
-    "long-list.parquet": (lambda path: write_long_list(path, 8 * 10**7), READ),
+    "long-list.parquet": (lambda path: write_long_list(path, 10**7), READ),
     "long-list-on-disk.parquet": (same_as("long-list.parquet"), OPEN),
-    "long-list-hidden.parquet": (lambda path: write_long_list(path, 8 * 10**7, says=2), READ),
-    "letters.parquet": (lambda path: write_letters(path, 4 * 10**8), READ),
-    "verdicts.parquet": (lambda path: write_letters(path, 4 * 10**8), "rpil.results.choice:read_verdicts"),
-    "zeros-hidden.parquet": (lambda path: write_zeros(path, 6 * 10**7, says=20), READ),
+    "long-list-hidden.parquet": (lambda path: write_long_list(path, 10**7, says=2), READ),
+    "letters.parquet": (lambda path: write_letters(path, 12 * 10**7), READ),
+    "verdicts.parquet": (lambda path: write_letters(path, 12 * 10**7), "rpil.results.choice:read_verdicts"),
+    "zeros-hidden.parquet": (lambda path: write_zeros(path, 15 * 10**6, says=2), READ),
     "zeros-hidden-on-disk.parquet": (same_as("zeros-hidden.parquet"), OPEN),
     "lists.rpil": (policy(header_json=(zipfile.ZIP_DEFLATED, lambda: lists(40 * 10**6))), LOAD),
     "zeros.rpil": (

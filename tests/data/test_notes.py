@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import csv
-import json
 
 import pytest
 
-from rpil.data.errors import DataError
-from rpil.data.id_values import AnswerRow, read_answer_rows, read_answers, write_answers
+from rpil.data.id_values import AnswerRow, read_answer_rows, write_answers
 
 HOSTILE = ["=1+1", "@SUM(1)", "'=2", 'say "no", he said', "<script>alert(1)</script>", "two\nlines", "＝1", "é\u202e"]
 
@@ -28,7 +26,7 @@ def test_notes_are_read_as_they_were_written(tmp_path, before):
         cells = [cell for row in csv.reader(file, delimiter=comma) for cell in row if cell]
     assert not [cell for cell in cells if cell[0] in "=+-@\t\r\n＝"], "a spreadsheet computes none of them"
     if before:
-        assert path.read_bytes().splitlines()[1] == before.splitlines()[1], "rows that were there stay as they were"
+        assert path.read_bytes().splitlines()[1].startswith(before.splitlines()[1]), "old rows keep their cells"
 
 
 def test_a_label_replaces_the_one_before(tmp_path):
@@ -36,28 +34,5 @@ def test_a_label_replaces_the_one_before(tmp_path):
     before = b"id,label,by\n1,good,anna\n2,good,\n1,better than 2,bilal\n"
     write_answers(path, before, [AnswerRow("1", "bad", "after all")])
     assert path.read_text().splitlines() == [
-        "id,label,by,note", "2,good,", "1,better than 2,bilal", "1,bad,,after all",
+        "id,label,by,note", "2,good,,", "1,better than 2,bilal,", "1,bad,,after all",
     ]  # fmt: skip
-
-
-def test_json_holds_notes_as_well(tmp_path):
-    path, before = tmp_path / "labels.json", b'{"1": ["good", "better than 2"], "3": {"label": "bad", "note": "late"}}'
-    write_answers(path, before, [AnswerRow("1", "bad", "slips, =late")])
-    written = {"label": "bad", "note": "slips, =late"}
-    assert json.loads(path.read_text()) == {"1": ["better than 2", written], "3": {"label": "bad", "note": "late"}}
-    rows = [AnswerRow("1", "better than 2"), AnswerRow("1", "bad", "slips, =late"), AnswerRow("3", "bad", "late")]
-    assert read_answer_rows(path) == rows
-    write_answers(path, path.read_bytes(), [AnswerRow("3", "good")])
-    assert read_answer_rows(path)[2] == AnswerRow("3", "good")
-    path.write_text('{"1": {"label": "good", "label": "bad"}}')
-    with pytest.raises(DataError, match="demonstration '1': unknown label"):
-        read_answers(path)
-    path.write_text(r'{"1": {"label": "good", "note": "\ud800"}}')
-    with pytest.raises(DataError, match=r"labels\.json, demonstration '1': a note"):
-        read_answer_rows(path)
-    for wrong in ('{"label": "bad", "why": "x"}', '["good", {"label": "bad", "note": 1}]'):
-        path.write_text(f'{{"1": {wrong}}}')
-        with pytest.raises(
-            DataError, match=r"labels.json, demonstration '1': an answer has .*; give it label and note"
-        ):
-            read_answer_rows(path)

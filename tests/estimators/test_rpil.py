@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,14 +26,24 @@ from rpil.data.errors import DataError
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
-from rpil.inference.settings import HeldOutSettings, JudgeSettings
-from small import FAST, mixture
+from rpil.inference.settings import HeldOutSettings, JudgeSettings, TrimmingSettings
+from small import FAST, ONE_SHARE, mixture
 
 STEPS = (40, 60)
 PAPER = {"adversary": "complement", "settings": mixture(m_step="expert_only", prior=0.5)}
 
 
-@parametrize_with_checks([BehavioralCloning(), RMEnt(groups="rows"), RPIL(settings=FAST, groups="rows")])
+FASTEST = replace(
+    ONE_SHARE,
+    held_out=HeldOutSettings(max_folds=2, ridges=(0.01,)),
+    trimming=TrimmingSettings(max_iter=1),
+)
+"""One fit of each of two folds: to scikit-learn every row is a demonstration, and it makes a hundred fits."""
+
+
+@parametrize_with_checks(
+    [BehavioralCloning(), RMEnt(groups="rows"), RPIL(settings=Settings(judge=FASTEST), groups="rows")]
+)
 def test_estimator_checks_of_scikit_learn(estimator, check):
     """All of them: repeated rows and weights are the same to `BehavioralCloning`, the others take no weights. How well
     `RMEnt` predicts is not among them, see the next test."""

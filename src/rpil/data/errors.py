@@ -11,12 +11,6 @@ from typing import Any
 _QUOTE = re.compile(r"""((?:--[\w-]{1,40}|rpil \w{1,20}) )?(?<![\w=])(['"])((?:\\.|(?!\2)[^\\])*)(\2?)""", re.DOTALL)
 
 
-_IN_PYTHON = {
-    "skip_bad": "skip_bad=True",
-}
-"""How a user of Python gives an option; any other one is an argument of its name."""
-
-
 class SentenceWithOptions(Exception):
     """One sentence naming the file or array, the demonstration and the remedy; see `shortened`.
 
@@ -26,7 +20,7 @@ class SentenceWithOptions(Exception):
 
     def __init__(self, sentence: str, option: str | Sequence[str] = ()) -> None:
         options = [option] if isinstance(option, str) else option
-        super().__init__(_spelt(sentence, (_IN_PYTHON.get(name, f"{name}=") for name in options)))
+        super().__init__(_spelt(sentence, (f"{name}={'True' * (name == 'skip_bad')}" for name in options)))
         in_shell = sentence.replace("<option>'", "<option> '")  # a value follows
         self.in_shell = _spelt(in_shell, (f"--{name.replace('_', '-')}" for name in options))
 

@@ -34,11 +34,9 @@ def check_exists(path: StrPath) -> Path:
     """`path`, or a `DataError` where it is missing, with names like it, or is a pipe or device."""
     path = Path(path)
     if not path.exists():
-        names = map(Path, os.listdir(path.parent) if path.parent.is_dir() else [])
-        alike = (name for name in names if bool(name.suffix) == bool(path.suffix))
-        there = {name.stem: name for name in alike if path.suffix == name.suffix or path.stem == name.stem}
-        close = get_close_matches(path.stem, there, 1, 0.75)
-        hint = f"perhaps it is {str(path.parent / there[close[0]])!r}" if close else "check the path"
+        names = os.listdir(path.parent) if path.parent.is_dir() else ()
+        close = get_close_matches(path.name, names, 1, 0.85)
+        hint = f"perhaps it is {str(path.parent / close[0])!r}" if close else "check the path"
         raise DataError(f"{path}: there is no such file or folder; {hint}.")
     if not (path.is_file() or path.is_dir()):  # to open a pipe is to wait for it
         raise DataError(f"{path}: it is neither a file nor a folder; give the path of one.")
@@ -83,62 +81,28 @@ def check_writable(path: StrPath) -> Path:
 
 @contextmanager
 def replacing(path: StrPath) -> Iterator[Path]:
-    """Yield a path beside `path` to write to, which replaces `path` if the block ends without an error.
+    """Yield a path beside `path` to write to, a file or folder, which replaces `path` if the block ends without error.
 
     A `DataError` where `path` cannot be written; a file that was there stays as it was, and a file that is replaced
     gives its permissions to the new one.
     """
     # A link stays a link: what it points to is replaced.
     target = Path(os.path.realpath(check_writable(path)))
-    with _told_of(path), beside(target) as temporary:
+    temporary = target.with_name(f".{uuid.uuid4().hex}{target.suffix}")  # some writers add their own to a name without
+    try:
         if target.exists():  # only its owner may read the new one until it has the permissions of the old one
             temporary.touch(0o600)
         yield temporary
         if target.exists():
             shutil.copymode(target, temporary)
-        _sync(temporary)
+        for file in [temporary, *temporary.rglob("*")]:
+            if file.is_file():  # after a power cut its name does not stand for half of it
+                with file.open("rb+") as stream:
+                    os.fsync(stream.fileno())
         os.replace(temporary, target)
-
-
-@contextmanager
-def new_folder(path: StrPath) -> Iterator[Path]:
-    """Yield a folder beside `path` to fill, which is called `path` if the block ends without an error.
-
-    A `DataError` where `path` is there already, or cannot be written.
-    """
-    path = Path(path)
-    if path.exists():
-        raise DataError(f"{path}: it is there already; give the path of a new folder.")
-    with _told_of(path), beside(check_writable(path)) as temporary:
-        temporary.mkdir()
-        yield temporary
-        for file in temporary.rglob("*"):
-            if file.is_file():
-                _sync(file)
-        os.rename(temporary, path)
-
-
-@contextmanager
-def _told_of(path: StrPath) -> Iterator[None]:
-    """A `DataError` that names `path`, the output, instead of an error of the system."""
-    try:
-        yield
     except OSError as error:
         # Libraries put more into the text of the error than what the system says.
         raise cannot_be_written(path, os.strerror(error.errno) if error.errno else type(error).__name__) from error
-
-
-def cannot_be_written(path: StrPath, reason: str) -> DataError:
-    """The error that names `path`, the output, and what went wrong."""
-    return DataError(f"{path}: it cannot be written ({reason}).")
-
-
-@contextmanager
-def beside(path: Path) -> Iterator[Path]:
-    """Yield the path of a temporary file or folder beside `path`, which is removed at the end if it is there."""
-    temporary = temporary_path(path)
-    try:
-        yield temporary
     finally:
         if temporary.is_dir():
             shutil.rmtree(temporary, ignore_errors=True)
@@ -146,15 +110,19 @@ def beside(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
-def temporary_path(path: Path) -> Path:
-    """A hidden path beside `path` that is not taken, with its suffix: some writers add their own to a name without."""
-    return path.with_name(f".{uuid.uuid4().hex}{path.suffix}")
+@contextmanager
+def new_folder(path: StrPath) -> Iterator[Path]:
+    """Yield a folder beside `path` to fill, as `replacing` does; a `DataError` where `path` is there already."""
+    if Path(path).exists():
+        raise DataError(f"{path}: it is there already; give the path of a new folder.")
+    with replacing(path) as temporary:
+        temporary.mkdir()
+        yield temporary
 
 
-def _sync(path: Path) -> None:
-    """Wait until a file is on the disk, so that after a power cut its name does not stand for half of it."""
-    with path.open("rb+") as file:
-        os.fsync(file.fileno())
+def cannot_be_written(path: StrPath, reason: str) -> DataError:
+    """The error that names `path`, the output, and what went wrong."""
+    return DataError(f"{path}: it cannot be written ({reason}).")
 
 
 def check_outputs(inputs: Iterable[StrPath | None], outputs: Iterable[StrPath | None], data: Collection[str]) -> None:

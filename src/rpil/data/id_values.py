@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import re
 from codecs import BOM_UTF8
-from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple, TypeVar, cast, get_args
+from typing import Any, Literal, NamedTuple, cast, get_args
 
 import numpy as np
 
@@ -18,16 +17,16 @@ from rpil.data.cells import from_cell, to_cell
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
 from rpil.data.guard import guarded
-from rpil.data.json_files import LARGEST_TABLE, Parsed, parse, read_text
+from rpil.data.json_files import LARGEST_TABLE, parse, read_text
 from rpil.data.names import EPISODE, quoted
 from rpil.numerics.types import Array, Int
-
-Key = TypeVar("Key", bound=Hashable)
 
 Label = Literal["good", "bad"]
 Relation = Literal["better than", "same as"]
 Pairs = dict[tuple[str, str], Relation]
 """What the first demonstration is to the second, by their ids as text; of two that are the same the first is less."""
+IdRow = tuple[str, object, *tuple[str, ...]]
+"""An id, its value, and what else a file says of it."""
 
 
 class AnswerRow(NamedTuple):
@@ -79,32 +78,15 @@ def read_answers(path: StrPath, ids: Iterable[object] = ()) -> tuple[dict[str, L
 
 
 def read_answer_rows(path: StrPath, ids: Iterable[object] = ()) -> list[AnswerRow]:
-    """The answers of a file that `read_answers` reads, with their notes."""
-    path = check_labels_file(path)
-    pairs = read_id_pairs(path, "label", "good", {*map(str, ids)}, ["note"])
-    if path.suffix.lower() == ".csv":
-        return [AnswerRow(*row) for row in pairs]
-    return [row for m, given, *_ in pairs for row in _json_rows(m, given, path.name)]
-
-
-def _json_rows(m: str, given: Parsed, source: str) -> Iterator[AnswerRow]:
-    """The answers about a demonstration in JSON: a word, an object of label and note, or a list of these."""
-    for one in given if isinstance(given, list) and given and not isinstance(given[0], tuple) else [given]:
-        pairs = one if isinstance(one, list) and one and isinstance(one[0], tuple) else []  # of an object
-        names = [name for name, _ in pairs]
-        said = dict(pairs) if names.count("label") == 1 and len({*names}) == len(names) else {"label": one}
-        note = said.get("note", "")
-        if not {*said} <= {"label", "note"} or not isinstance(note, str):
-            remedy = "give it label and note, which are texts"
-            raise DataError(f"{source}, demonstration {m!r}: an answer has {quoted(said)}; {remedy}.")
-        if note:
-            check_text(note, "a note", f"{source}, demonstration {m!r}")
-        yield AnswerRow(m, said["label"], note.strip())
+    """The answers of a file that `read_answers` reads; of CSV with their notes."""
+    rows = read_id_pairs(check_extension(path, _EXTENSIONS, "labels"), "label", "good", ids, ["note"])
+    lists = ((m, given if isinstance(given, list) and given else [given], note) for m, given, *note in rows)
+    return [AnswerRow(m, word, *note) for m, words, note in lists for word in words]
 
 
 def check_labels_file(path: StrPath) -> Path:
-    """`path`, or a `DataError` where it is neither CSV nor JSON."""
-    return check_extension(path, _EXTENSIONS, "labels")
+    """`path`, or a `DataError` where answers cannot be written to it because it is no CSV file."""
+    return check_extension(path, _EXTENSIONS[:1], "labels")
 
 
 def parse_answers(
@@ -135,10 +117,11 @@ def parse_answers(
 def parse_labels(labels: object, ids: Iterable[object]) -> tuple[dict[str, Label], Pairs]:
     """Labels and pairs, as `parse_answers` gives them, from a mapping, or from pairs, of ids and words."""
     given = labels.items() if isinstance(labels, Mapping) else labels or ()
-    rows: list[Parsed] = list(given) if isinstance(given, Iterable) else [given]
+    rows: list[object] = list(given) if isinstance(given, Iterable) else [given]
     if not all(isinstance(row, tuple | list) and len(row) == 2 for row in rows):
         raise DataError("the labels must be a mapping of ids to words, or pairs of an id and a word.")
-    return parse_answers(((str(m), word) for m, word in rows), "the labels", ids) if rows else ({}, {})
+    pairs = cast(list[tuple[object, object]], rows)
+    return parse_answers(((str(m), word) for m, word in pairs), "the labels", ids) if rows else ({}, {})
 
 
 def with_new(old: Iterable[AnswerRow], new: Sequence[AnswerRow]) -> list[AnswerRow]:
@@ -150,39 +133,25 @@ def with_new(old: Iterable[AnswerRow], new: Sequence[AnswerRow]) -> list[AnswerR
 def write_answers(
     path: StrPath, before: bytes | None, answers: Sequence[AnswerRow], ids: Iterable[object] = ()
 ) -> None:
-    """Write a file that `read_answers` reads with these `ids`: what it held `before`, and these answers.
+    """Write a CSV file that `read_answers` reads with these `ids`: what it held `before`, and these answers.
 
-    A label replaces the old one of the demonstration. All other rows of a CSV file stay as they were, and so do its
-    columns; note is added to them once an answer has one. A `DataError` where it cannot be
-    written; a file that was there is then as it was.
+    A label replaces the old one of the demonstration. All other rows keep their cells, and the file its columns; note
+    is added to them once an answer has one. A `DataError` where it cannot be written; a file that was there is then as
+    it was.
     """
-    is_csv = Path(path).suffix.lower() == ".csv"
-    old = before or (b"id,label\n" if is_csv else b"{}")
-    encoding = "utf-8-sig" if old.startswith(BOM_UTF8) else "utf-8"
-    text = old.decode(encoding)
-    text = _csv_with(text, answers, {*map(str, ids)}) if is_csv else _json_with(text, answers)
-    with replacing(path) as temporary:
-        temporary.write_bytes(text.encode(encoding))
-
-
-def _csv_with(before: str, answers: Sequence[AnswerRow], ids: Collection[str]) -> str:
-    """The text of a CSV file with the answers below its rows, and without the labels that they replace."""
-    rows, lines = _csv_rows(before)
-    names, replaced = [*(rows.fieldnames or ())], {row.id for row in answers if not _compared(row.label)}
-    end, comma = "\r\n" if "\r\n" in before else "\n", rows.reader.dialect.delimiter
-    id_column, first = _id_column(names) or "", rows.line_num
-    new = ["note"] if any(row.note for row in answers) and "note" not in names else []
-    kept = [csv_row([*names, *new], comma), end] if new else lines[:first]
-    for row in rows:
-        if _id_in(row[id_column], ids) not in replaced or _compared(row["label"]):
-            kept += lines[first : rows.line_num]
-        first = rows.line_num
-    kept += lines[first:]
-    added = [] if kept[-1].endswith("\n") else [end]
+    old = before or b"id,label\n"
+    encoding, known = "utf-8-sig" if old.startswith(BOM_UTF8) else "utf-8", {*map(str, ids)}
+    rows = _csv_rows(old.decode(encoding))
+    names = [*(rows.fieldnames or ())]
+    id_column, replaced = _id_column(names) or "", {row.id for row in answers if not _compared(row.label)}
+    kept = [row for row in rows if _compared(row["label"]) or _id_in(row[id_column], known) not in replaced]
     for answer in answers:
-        cells = {name: to_cell(value) for name, value in answer._asdict().items()} | {id_column: to_cell(answer.id)}
-        added += [csv_row([cells.get(name, "") for name in [*names, *new]], comma), end]
-    return "".join([*kept, *added])
+        kept.append({name: str(to_cell(value)) for name, value in {**answer._asdict(), id_column: answer.id}.items()})
+    names += ["note"] if any(row.note for row in answers) and "note" not in names else []
+    cells = [names, *([row.get(name) or "" for name in names] for row in kept)]
+    end, comma = "\r\n" if b"\r\n" in old else "\n", rows.reader.dialect.delimiter
+    with replacing(path) as temporary:
+        temporary.write_bytes("".join(csv_row(row, comma) + end for row in cells).encode(encoding))
 
 
 def csv_row(cells: Iterable[object], comma: str = ",") -> str:
@@ -191,15 +160,6 @@ def csv_row(cells: Iterable[object], comma: str = ",") -> str:
     plain = all(text.isprintable() and text == text.strip() for text in texts)
     csv.writer(line, delimiter=comma, quoting=csv.QUOTE_MINIMAL if plain else csv.QUOTE_ALL).writerow(texts)
     return line.getvalue().removesuffix("\r\n")
-
-
-def _json_with(before: str, answers: Sequence[AnswerRow]) -> str:
-    pairs = parse(before, "", LARGEST_TABLE, list)
-    words: dict[str, list[object]] = {m: [] for m, _ in pairs}
-    for row in with_new([row for m, given in pairs for row in _json_rows(m, given, "")], answers):
-        words.setdefault(row.id, []).append({"label": row.label, "note": row.note} if row.note else row.label)
-    content = {m: given[0] if len(given) == 1 else given for m, given in words.items()}
-    return json.dumps(content, ensure_ascii=False, indent=1) + "\n"
 
 
 def same_question(m: str, word: object) -> frozenset[str]:
@@ -235,19 +195,17 @@ def _label(word: object) -> Label | None:
     return _LABELS.get(word.strip().lower()) if isinstance(word, str) else None
 
 
-def label_codes(labels: Mapping[Key, str], ids: Sequence[object], source: str = "the labels") -> Int[Array, " M"]:
+def label_codes(labels: Mapping[Any, str], ids: Sequence[object], source: str = "the labels") -> Int[Array, " M"]:
     """1 for demonstrations labelled "good", -1 for "bad", 0 for the rest of the M `ids`, which are compared as text.
 
     A `DataError` on an unknown label or id.
     """
     check_ids(labels, ids, source, "the labels")
-    codes = dict.fromkeys(map(str, ids), 0)
-    for m, word in labels.items():
-        label = _label(word)
-        if label is None:
-            raise DataError(f"Demonstration {m!r}: the label {quoted([word])} is unknown; use 'good' or 'bad'.")
-        codes[str(m)] = 1 if label == "good" else -1
-    return np.array([*codes.values()], dtype=np.int64)
+    words, pairs = parse_labels(labels, ids)
+    if pairs:
+        raise DataError(f"{source}: {quoted(pairs, 1)} compares two demonstrations; give labels, 'good' or 'bad'.")
+    codes = {None: 0, "good": 1, "bad": -1}
+    return np.array([codes[words.get(str(m))] for m in ids], dtype=np.int64)
 
 
 def match_pairs(
@@ -272,15 +230,12 @@ def is_id_file(where: str) -> bool:
     return Path(where).suffix.lower() in _EXTENSIONS
 
 
-def match_demonstrators(pairs: Iterable[tuple[str, object, *tuple[str, ...]]], source: str) -> dict[str, str]:
+def match_demonstrators(pairs: Iterable[IdRow], source: str) -> dict[str, str]:
     """Demonstrator of each demonstration from pairs of the two; a `DataError` where one has two, or none."""
     demonstrators: dict[str, str] = {}
     for m, value, *_ in pairs:
-        place = f"{source}, demonstration {m!r}"
-        if value is not None and not isinstance(value, str | int):
-            raise DataError(f"{place}: the demonstrator is neither text nor a whole number; name one, or leave it out.")
-        name = "" if value is None else str(value).strip()
-        if not name:
+        place, name = f"{source}, demonstration {m!r}", "" if value is None else str(value).strip()
+        if not name or not isinstance(value, str | int):
             raise DataError(f"{place}: it has no demonstrator; name one, or leave it out.")
         check_text(name, "the demonstrator", place)
         if demonstrators.setdefault(m, name) != name:
@@ -292,7 +247,7 @@ def match_demonstrators(pairs: Iterable[tuple[str, object, *tuple[str, ...]]], s
 
 def read_id_pairs(
     path: StrPath, column: str, example: str, ids: Iterable[object], more: Sequence[str] = ()
-) -> list[tuple[str, object, *tuple[str, ...]]]:
+) -> list[IdRow]:
     """Ids and values of a CSV file with the columns ``id`` and `column`, or of a JSON object; an id may come twice.
 
     In CSV white space at the ends of an id is left out, unless one of the `ids` has it; there may be `more` columns.
@@ -302,7 +257,7 @@ def read_id_pairs(
         text = read_text(path, LARGEST_TABLE, "utf-8-sig")
         if path.suffix.lower() == ".csv":
             return _csv_pairs(text, (column, *more), path.name, {*map(str, ids)})
-        pairs = cast(list[tuple[str, object, *tuple[str, ...]]], parse(text, path.name, LARGEST_TABLE, list))
+        pairs = cast(list[IdRow], parse(text, path.name, LARGEST_TABLE, list))
     if not text.lstrip().startswith("{"):
         raise DataError(f'{path.name}: it must hold one object such as {{"17": "{example}"}}.')
     for m, *_ in pairs:
@@ -314,24 +269,21 @@ def _id_column(header: Sequence[str]) -> str | None:
     return next((name for name in ("id", *EPISODE) if name in header), None)
 
 
-def _csv_rows(text: str) -> tuple[csv.DictReader[str], list[str]]:
-    """The rows of a CSV file, and its lines with their ends, of which a quoted cell may hold some."""
+def _csv_rows(text: str) -> csv.DictReader[str]:
+    """The rows of a CSV file, whose cells may hold ends of lines."""
     header = text.partition("\n")[0]
     comma = ";" if ";" in header and "," not in header else ","  # Excel writes the first where numbers have commas
-    lines = list(io.StringIO(text, newline=""))  # ``splitlines`` knows more ends than CSV
-    return csv.DictReader(lines, skipinitialspace=True, strict=True, delimiter=comma), lines
+    return csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True, strict=True, delimiter=comma)
 
 
-def _csv_pairs(
-    text: str, columns: Sequence[str], source: str, ids: Collection[str]
-) -> list[tuple[str, object, *tuple[str, ...]]]:
+def _csv_pairs(text: str, columns: Sequence[str], source: str, ids: Collection[str]) -> list[IdRow]:
     column, *more = columns
-    rows, _ = _csv_rows(text)
+    rows = _csv_rows(text)
     header = rows.fieldnames or ()
     id_column = _id_column(header)
     if id_column is None or column not in header:
         raise DataError(f"{source}: the columns must be id and {column} (found {quoted(header)}).")
-    pairs: list[tuple[str, object, *tuple[str, ...]]] = []
+    pairs: list[IdRow] = []
     for row in rows:
         m = _id_in(row[id_column], ids)
         if not m or None in row:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import unicodedata
 from collections.abc import Iterable
+from unicodedata import category
 
 MAX_LISTED_NAMES, MAX_IDS = 5, 20
 """Names in one sentence, and ids in one printed line."""
@@ -12,8 +12,7 @@ MAX_LISTED_NAMES, MAX_IDS = 5, 20
 def printable(name: object, kept: str = "") -> str:
     """The text of a name, with escapes in the place of characters that cannot be seen, such as control characters,
     marks that reverse the direction of writing, and lone surrogates, which no file can hold; those in `kept` stay."""
-    text = str(name)
-    return text if text.isprintable() else "".join(_visible(character, kept) for character in text)
+    return "".join(sign if sign in kept or category(sign)[0] != "C" else repr(sign)[1:-1] for sign in str(name))
 
 
 def one_line(name: object) -> str:
@@ -45,8 +44,3 @@ def duration(steps: float, seconds: float | None) -> str:
 def moment(step: int, seconds: float | None) -> str:
     """When a step is, from the first on: ``49.8 s``, or ``step 995``."""
     return f"step {step}" if seconds is None else duration(step, seconds)
-
-
-def _visible(character: str, kept: str) -> str:
-    is_invisible = unicodedata.category(character).startswith("C") and character not in kept
-    return character.encode("unicode_escape").decode("ascii") if is_invisible else character

@@ -6,7 +6,6 @@ has most of the curvature right, so that each pass removes most of the remaining
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from functools import partial
 
@@ -54,16 +53,13 @@ def ascend(
         sums = shards.total(partial(block_statistics, policy=policy))
         return float(sums[0]) - policy.penalty(), sums
 
-    begun = time.perf_counter()
     history = np.empty((0, 2))  # objective and gradient norm of each pass
     radius, curvature = np.inf, np.empty((0, 2, 0, 0))
     value, sums = objective(policy)
     while len(history) < settings.max_passes:
         history = np.vstack([history, [value, policy.gradient_norm(sums[1])]])
-        seconds = (time.perf_counter() - begun) / len(history)
         goal = settings.tol * sums[2]
-        left = _time_left(history[:, 1], goal, seconds)
-        progress(f"pass {len(history)} over everything, objective {value:.6g}{left}")
+        progress(f"pass {len(history)} over everything, objective {value:.6g}")
         if history[-1, 1] <= goal or _is_stuck(history, settings):
             break
         before = curvature
@@ -88,11 +84,3 @@ def _is_stuck(history: Array, settings: AscentSettings) -> bool:
     values, gradients = history.T
     shrinks = gradients[-n:].min() <= 0.5 * gradients[:-n].min()
     return not shrinks and bool(values[-1] - values[-n] < n * settings.rounding * abs(values[-1]))
-
-
-def _time_left(gradients: Array, goal: float, seconds: float) -> str:
-    """The time left in words, if the gradient shrinks on as in the last pass."""
-    if len(gradients) < 2 or not 0.0 < goal < gradients[-1] < gradients[-2]:
-        return ""
-    left = seconds * np.ceil(np.log(gradients[-1] / goal) / np.log(gradients[-2] / gradients[-1]))
-    return f", about {left:.0f} s left" if left >= 1.0 else ""

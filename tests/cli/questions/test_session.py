@@ -113,12 +113,11 @@ def test_another_answer_about_the_same_demonstrations_replaces_the_first(audit):
     assert rows() == ["id,label", "3,better than 4", "1,bad"]
 
 
-@pytest.mark.parametrize("name", ["labels.csv", "excel.csv", "labels.json"])
+@pytest.mark.parametrize("name", ["labels.csv", "excel.csv"])
 def test_a_label_replaces_that_of_an_earlier_run(audit, name):
     before = {
         "labels.csv": b'note,id,label\n"two\nlines",1,GOOD\n,1,better than 3\n\n"a",2,good\n',
         "excel.csv": b"id;label;note\n1;better than 3;a,b\n1;good;\n2;good;\n",
-        "labels.json": b'{"1": ["good", "better than 3"], "2": "good"}',
     }[name]
     Path(name).write_bytes(before)
     start = audit.answered(*read_answers(name))
