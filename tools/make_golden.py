@@ -69,8 +69,6 @@ def outputs_of(model: Any, rows: np.ndarray) -> dict[str, Any]:
     if isinstance(model, rpil.RPIL):
         scores = model.score_demonstrations(rows, model.predict(rows), np.arange(len(rows)) // 4)
         found["score_demonstrations"] = scores.tolist()
-        found["audit"] = model.audit_.to_dict()
-        found["step_weight"] = float(model.audit_.step_weight.sum())
     return found
 
 

@@ -14,7 +14,6 @@ import pytest
 
 from command_line import ok
 from rpil import formats
-from rpil.estimators.persistence import load
 
 
 def printed_ranking(result):
@@ -79,13 +78,8 @@ def test_audit_does_not_choose_features(folder, monkeypatch):
         return found
 
     folded = printed("--features", "folded")
-    chosen = load(folder / "policy").audit_.to_dict()
     monkeypatch.setattr("rpil.estimators.final_policy.choose_features", never)
     assert printed() == folded
-    for rows in (folded["demonstrations"], chosen["demonstrations"]):
-        for row in rows:
-            del row["reason"]  # it may quote the final policy, which is of the chosen features
-    assert folded["demonstrations"] == chosen["demonstrations"]
 
 
 def test_audit_writes_a_report_and_weights(folder):

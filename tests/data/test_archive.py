@@ -64,7 +64,7 @@ def test_load_refuses_truncated_and_damaged_files(saved):
     ("field", "value", "match"),
     [
         ("schema", "other", "no policy that rpil saved"),
-        ("version", 1, r"version 1 of the format, but rpil .* reads version 12; use"),
+        ("version", 1, r"version 1 of the format, but rpil .* reads version 13; use"),
         ("version", None, "version None"),
         ("version", [[["x"] * 9]] * 99, r"version \S\S\S'x'.{,15} of the format, but"),
         ("class", "GaussianPolicy", "holds a 'GaussianPolicy', which rpil .* does not know"),
@@ -83,7 +83,6 @@ WEIGHTS = "policy/weights.npy"
     ("member", "array"),
     [
         (WEIGHTS, None),
-        ("audit/from_actions.npy", np.ones(7)),
         ("judge/ratio/weights.npy", np.ones((3, 3))),
         ("judge/ratio/frequency.npy", np.ones(2)),
         ("judge/groups/spread.npy", np.array([-9.0, -9.0])),
@@ -93,8 +92,6 @@ WEIGHTS = "policy/weights.npy"
         ("features/scale.npy", np.ones(1)),
         ("classes.npy", np.arange(4)),
         ("classes.npy", np.array([2, 1, 0])),
-        ("audit/offsets.npy", np.arange(9.0)),
-        ("audit/log_odds.npy", np.ones(7)),
     ],
 )
 def test_load_refuses_missing_extra_and_misshapen_arrays(saved, member, array):
@@ -120,13 +117,7 @@ def set_in(tree, path, value):
         (("fitted", "policy_", "class"), "os.system"),
         (("fitted", "policy_", "fields", "ridge"), ...),
         (("fitted", "features_", "fields", "kind"), "nystroem"),
-        (("fitted", "audit_", "fields", "ids"), [1, 2]),
-        (("fitted", "audit_", "fields"), [1]),
-        (("fitted", "audit_", "fields", "finding"), 10**400),
         (("classes",), {"array": ["classes"]}),
-        (("fitted", "audit_", "fields", "finding"), "all is well"),
-        (("fitted", "audit_", "fields", "deviations"), 3),
-        (("fitted", "audit_", "fields", "answers"), ...),
         (("fitted", "judge_"), None),
         (("fitted", "judge_", "fields", "groups"), None),
         (("fitted", "judge_", "fields", "step_variance"), "a"),

@@ -8,7 +8,7 @@ from sklearn.linear_model import LogisticRegression, Ridge
 
 import rpil
 from problems import make, make_continuous, two_styles
-from rpil import RPIL, DataError, Settings, load, save
+from rpil import RPIL, DataError, Settings
 from rpil.data.demonstrations import Demonstrations
 from rpil.inference.findings import FINDINGS
 from rpil.inference.settings import AnswerSettings, JudgeSettings, OutlierSettings
@@ -138,16 +138,6 @@ def test_nothing_is_learned_from_copies_of_one_demonstration(policy):
     assert set(audit.verdicts) == {"open"}
     assert np.ptp(audit.log_odds) == 0
     assert "All 6 demonstrations are copies of one: there is nothing to compare." in audit.notes
-
-
-def test_a_saved_audit_knows_its_copies(tmp_path):
-    toy = make("random", 3, n_good=12, n_bad=6)
-    model = RPIL(C=1.0).fit(with_copies(toy.demonstrations, [*range(18), 0, 17]))
-    save(model, tmp_path / "model")
-    kept = load(tmp_path / "model").audit_
-    assert kept.copy_of.tolist() == [*range(18), 0, 17]
-    answers = {"copy 0": "good", "d17": "bad", "d1": "good"}
-    np.testing.assert_array_equal(kept.answered(answers).log_odds, model.audit_.answered(answers).log_odds)
 
 
 def test_the_audit_carries_the_thresholds_of_its_judge():

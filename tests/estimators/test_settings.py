@@ -11,7 +11,6 @@ from sklearn.linear_model import LogisticRegression
 from problems import make, make_continuous, refused
 from rpil import RPIL, DataError, MixtureSettings, SampleSettings, Settings
 from rpil.estimators.reweight import ReweightOptions
-from rpil.estimators.rment import ConcentrationSettings
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.mixture.settings import DemonstratorSettings
 from rpil.numerics.regression import ErrorSettings
@@ -53,7 +52,6 @@ def test_cross_fit_settings_reach_a_policy_of_scikit_learn():
         (partial(SampleSettings, max_ratio=0.5), "max_ratio=0.5"),
         (partial(AscentSettings, max_passes=0), "max_passes=0 must be a whole number"),
         (partial(Settings, min_feature_weight=1.0), "min_feature_weight=1.0"),
-        (partial(ConcentrationSettings, n_carried=0), "n_carried=0"),
         (partial(ReweightOptions, patience=0), "patience=0"),
     ],
 )

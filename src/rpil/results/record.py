@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rpil.data.archive import stored
 from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.results.answering import looking_order
@@ -23,7 +22,6 @@ TITLE, IN_MEMORY = "Audit of demonstrations", "in memory"
 __all__ = ["Audit", "Demonstrator", "Interval"]
 
 
-@stored()
 @dataclass(frozen=True, eq=False, repr=False)
 class Audit(AuditResult):
     """The result about the demonstrations: M of them, with N steps in all.
