@@ -57,23 +57,6 @@ def test_keep_names_what_leaving_out_loses():
     assert lost not in ok(*audit, "--quiet").stdout
 
 
-def test_one_demonstration_alone_is_kept():
-    rows = [f"7,{np.sin(n):.3f},{n % 2}" for n in range(20)]
-    Path("drive.csv").write_text("\n".join(["episode,side,action", *rows]) + "\n")
-    assert ok("keep", "drive.csv", "-o", "kept.csv").stdout.startswith("Kept 1 of 1 demonstrations: kept.csv\n")
-    assert rpil.read("kept.csv").ids == (7,)
-    assert "; 1 demonstration, 20 steps" in ok("info", "kept.csv").stdout
-    assert ok("convert", "kept.csv", "-o", "one.npz").stdout == "1 demonstration, 20 steps: one.npz\n"
-    refused("one demonstration alone", "audit", "drive.csv")
-    for word, kept in (("bad", False), ("good", True)):
-        Path("labels.csv").write_text(f"id,label\n7,{word}\n")
-        call = ["keep", "drive.csv", "--labels", "labels.csv", "-o", f"{word}.csv"]
-        ok(*call) if kept else refused("no demonstration is left by the audit; change labels", *call)
-        assert Path(f"{word}.csv").exists() == kept
-    Path("labels.csv").write_text("id,label\n8,bad\n")
-    refused("no demonstration is called '8'", "keep", "drive.csv", "--labels", "labels.csv", "-o", "k.csv")
-
-
 def test_keep_by_labels_keeps_what_has_no_label(folder):
     Path("labels.csv").write_text("id,label\n2,expert\n11,good\n4,bad\n")
     call = ["keep", folder / "good.parquet", "--verdicts", "labels.csv", "-o"]

@@ -18,7 +18,6 @@ from rpil.cli.printed_audit import MAX_LINES, MAX_ROWS, MIN_ROWS, next_steps, od
 from rpil.cli.terminal import THEN_RUN
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
-from rpil.formats import read_labels
 from rpil.results.answering import question
 from rpil.results.record import Demonstrator, Interval
 
@@ -73,8 +72,7 @@ def test_an_audit_is_25_lines_of_80_columns(kind, capsys):
     audit = KINDS[kind]
     lines = printed(audit, capsys)
     assert len(lines) <= MAX_LINES
-    to_paste = f"    {audit.ids[0]}," if kind == "long ids" else "no such line"  # a line of a file is whole
-    assert all(cell_len(line) <= 80 for line in lines if not line.startswith((to_paste, THEN_RUN)))
+    assert all(cell_len(line) <= 80 for line in lines if not line.startswith(THEN_RUN))
     rows = [line for line in lines if re.match(r"\S+ +(outlier|open|good|bad|\d+) +[-+]\d", line)]
     assert len(rows) >= 2
     assert len(rows) <= MAX_ROWS
@@ -161,29 +159,10 @@ def test_no_line_of_the_table_is_wider_than_the_terminal(monkeypatch, columns, l
     assert {re.search(r"_(\d+) ", row)[1] for row in rows} <= {str(m) for m in range(20)}  # the end of an id stays
 
 
-@pytest.mark.parametrize(
-    ("labels_file", "labels", "lines"),
-    [
-        ("labels.csv", {}, ["id,label", '"a,""b""",good']),
-        ("labels.csv", {"good": 1, "bad": -1}, ['"a,""b""",good']),
-        ("labels.json", {}, ['{"a,\\"b\\"": "good"}']),
-        ("labels.json", {"good": 1, "bad": -1}, ['"a,\\"b\\"": "good"']),
-    ],
-)
-def test_labels_to_paste_are_read_as_labels_of_the_demonstration(labels_file, labels, lines, tmp_path):
-    audit = make_audit(("open", "open", "outlier"), ids=("good", "bad", 'a,"b"'), labels=labels)
-    text = next_steps(audit, labels_file, ["rpil", "audit", "x"])
-    assert [line[4:] for line in text if line.startswith("    ")] == lines
-    assert text[-1] == f"Then run: rpil audit x --labels {labels_file}"
-    if not labels:
-        path = tmp_path / labels_file
-        path.write_text("\n".join(lines))
-        assert read_labels(path) == {'a,"b"': "good"}
-
-
-def test_labels_for_all_leave_nothing_to_label():
-    audit = make_audit(("good", "bad"), labels={0: 1, 1: -1})
-    assert next_steps(audit, "l.csv", ["rpil", "audit", "x"]) == ["Every demonstration has a label already."]
+def test_the_command_to_run_next_is_the_last_line():
+    *_, how, then = next_steps(make_audit(("open", "open", "outlier")), "l.csv", ["rpil", "audit", "a b"])
+    assert how.startswith("Answer in l.csv (id,label;")
+    assert then == "Then run: rpil audit 'a b' --labels l.csv"
 
 
 def test_doubts_and_contradicting_labels_are_results(capsys):

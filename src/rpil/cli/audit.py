@@ -24,7 +24,7 @@ from rpil.cli.options import (
 )
 from rpil.cli.outputs import OUTPUTS, choice_asked, lines_after_output, tell_if_too_many, write_outputs
 from rpil.cli.printed_audit import head_lines, next_steps, print_audit
-from rpil.cli.progress import show_stages
+from rpil.cli.terminal import show_stages
 
 if TYPE_CHECKING:
     from rpil.results.record import Audit

@@ -17,7 +17,7 @@ from rpil.cli.options import (
     quiet_option,
     with_options,
 )
-from rpil.cli.progress import show_stages
+from rpil.cli.terminal import show_stages
 from rpil.data.text import MAX_IDS, listed, printable
 
 if TYPE_CHECKING:

@@ -16,10 +16,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 from click.core import ParameterSource
 
-from rpil.cli import INTERRUPTED
 from rpil.cli.options import RunOptions, Value, command_words
-from rpil.cli.progress import LOADING, StageProgress
-from rpil.cli.terminal import print_warnings, to_one_line
+from rpil.cli.terminal import LOADING, StageProgress, print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath
 
@@ -48,7 +46,7 @@ class Commands(click.Group):
             with print_warnings():
                 code = run(*args, standalone_mode=False, **more)
         except click.Abort:
-            _exit_with_error("interrupted.", INTERRUPTED)
+            _exit_with_error("interrupted.", 130)  # as shells have it
         except SystemExit as error:  # of click, where nobody reads stdout any more, with the 1 of faults found
             sys.exit(2 if error.code == 1 else error.code)
         except click.UsageError as error:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -23,26 +21,19 @@ from rpil.cli.options import (
     COLUMN_OPTIONS,
     JUDGE_OPTIONS,
     RunOptions,
-    command_words,
     pop_columns,
     quiet_option,
     with_options,
 )
 from rpil.cli.outputs import choice_asked, look_lines
-from rpil.cli.progress import StageProgress, show_stages
-from rpil.cli.terminal import print_lines
+from rpil.cli.terminal import print_lines, show_stages
 from rpil.data.errors import DataError
 from rpil.data.held import holding
 from rpil.data.text import counted
 
 if TYPE_CHECKING:
-    from rpil.data.arrays import Id
     from rpil.formats.recording import Recording
     from rpil.results.choice import Asked, Choice, Table
-    from rpil.results.record import Audit
-
-_MOST_IDS = 100
-"""Ids in a command; of more, the shell reads them from the list."""
 
 
 @click.command()
@@ -82,10 +73,13 @@ def keep(
     source, given = find(file), RunOptions.of(options)
     source.check_output(output, given.columns)
     with show_stages(given.quiet) as progress:
+        audit = None
         if verdicts is None:
-            read, table, audit = _judged(file, given, progress)
+            read, reference = read_data(file, given, progress)
+            audit = audit_data(file, read, reference, given, progress).audit
+            table: Table = audit.table()
         else:
-            read, audit = open_with_missing(file, given.columns, progress), None
+            read = open_with_missing(file, given.columns, progress)
             table = _verdicts_on(read, verdicts)
         faults = look_for_faults(read, progress, True, given.without_faults) if given.without_faults else None
         asked = choice_asked(given, faults, share, at_least)
@@ -104,19 +98,8 @@ def keep(
     if not given.quiet:
         look_at = () if audit is None else look_lines(audit, choice, faults)
         lines = source.commands_to_keep(read.ids, choice.kept, output)
-        more = [_command_of_table(choice.kept, output)] if source.is_list(output) and not lines else []
-        print_lines([*look_at, *lost, *lines, *more])
-
-
-def _command_of_table(kept: Sequence[Id], output: str) -> str:
-    """The sentence with the command that writes a table of the ids in a list."""
-    ctx = click.get_current_context()
-    own = {one.name for one in convert.params} - {"output", "quiet", "only", "without"}
-    words = command_words(ctx, "convert", {str(one.name) for one in ctx.command.params if one.name not in own})
-    program = 'import json, sys; print(*json.load(open(sys.argv[1]))["episodes"], sep=",")'
-    read = ["paste", "-sd,", output] if output.lower().endswith(".txt") else ["python", "-c", program, output]
-    ids = shlex.quote(",".join(map(str, kept))) if len(kept) <= _MOST_IDS else f'"$({shlex.join(read)})"'
-    return f"These ids are kept; to write a table of them: {shlex.join(words)} --only {ids} -o kept.parquet"
+        more = ["These ids are kept; rpil convert with --only IDS writes a table of them."]
+        print_lines([*look_at, *lost, *lines, *(more if source.is_list(output) and not lines else ())])
 
 
 def _check_left(choice: Choice, file: str, verdicts: str | None, table: Table) -> None:
@@ -142,19 +125,6 @@ def _choice(read: Recording, table: Table, asked: Asked) -> tuple[Choice, int]:
     wanted = {*map(str, (*choice.kept, *others))} - {*map(str, faulty)}
     kept = tuple(name for name in ids if str(name) in wanted)
     return replace(choice, kept=kept, rejected=rejected), len(others) - len(faulty)
-
-
-def _judged(file: str, given: RunOptions, progress: StageProgress) -> tuple[Recording, Table, Audit | None]:
-    """What is read, and the verdicts of its audit; without one of a single demonstration, which has its label only."""
-    read, reference = read_data(file, given, progress)
-    if len(read.demonstrations) == 1 and reference is None:
-        label = {1: "good", -1: "bad"}.get(given.stated(read).answers.labels[0], "")
-        ids = read.demonstrations.ids
-        return read, {"id": ids, "verdict": [label or "open"], "label": [label], "log_odds": [0.0]}, None
-    audit = audit_data(file, read, reference, given, progress).audit
-    from rpil.results.verdict_table import verdict_columns
-
-    return read, verdict_columns(audit, {}), audit
 
 
 def _verdicts_on(read: Recording, path: str) -> Table:

@@ -15,7 +15,7 @@ from rpil.cli import terminal
 from rpil.cli.commands import AuditRun, audit_data, check_paths, read_data, tell_of_set_aside
 from rpil.cli.options import LABEL_OPTIONS, RunOptions, Value, command_words, with_options
 from rpil.cli.printed_audit import finding_lines, verdict_sentence
-from rpil.cli.progress import show_stages
+from rpil.cli.terminal import show_stages
 from rpil.data.errors import DataError
 from rpil.data.folders import is_dangling
 from rpil.data.text import counted

@@ -16,8 +16,8 @@ from rpil.cli.keep import convert, keep
 from rpil.cli.label import label
 from rpil.cli.options import FIT_OPTIONS, OutputFile, RunOptions, quiet_option, seed_option, with_options
 from rpil.cli.printed_audit import finding_lines, verdict_sentence
-from rpil.cli.progress import LOADING, show_stages
 from rpil.cli.review import review
+from rpil.cli.terminal import LOADING, show_stages
 
 
 @click.group("rpil", Commands, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})

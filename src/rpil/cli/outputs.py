@@ -12,7 +12,7 @@ import click
 
 from rpil.cli.commands import AuditRun
 from rpil.cli.options import RunOptions
-from rpil.cli.progress import StageProgress
+from rpil.cli.terminal import StageProgress
 from rpil.data.text import MAX_LISTED_NAMES, listed, printable
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from rpil.cli.commands import AuditRun, check_paths, look_for_faults
 from rpil.cli.label import WITHOUT, audit_with_answers, last_lines
 from rpil.cli.options import LABEL_OPTIONS, Value, command_words, with_options
 from rpil.cli.outputs import OUTPUTS, about, write_outputs
-from rpil.cli.progress import show_stages
+from rpil.cli.terminal import show_stages
 from rpil.data.errors import DataError
 
 if TYPE_CHECKING:
