@@ -152,10 +152,9 @@ class AuditRun:
     @cached_property
     def choice(self) -> Choice:
         """Those to keep, and why the others are not."""
-        from rpil.results.choice import Asked
-        from rpil.results.verdict_table import choice_of
+        from rpil.results.choice import Asked, choose
 
-        return choice_of(self.audit, self.asked or Asked())
+        return choose(self.audit.table(), self.asked or Asked())
 
     @cached_property
     def lost(self) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath
+from rpil.estimators.auditing import audit
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
 from rpil.numerics.types import Array, Float, Shaped
@@ -90,16 +91,16 @@ def run(*, episodes: int = 100, seed: int = 0, progress: Callable[[str], None] =
     if episodes < 2:
         raise DataError(f"The demo needs two landings or more for an interval, not {episodes}: raise episodes.")
 
-    def fitted(name: str, data: Demonstrations, features: str) -> RPIL:
-        return RPIL(features, random_state=seed, progress=lambda stage: progress(f"{name}: {stage}")).fit(data)
+    def shown(name: str) -> Callable[[str], None]:
+        return lambda stage: progress(f"{name}: {stage}")
 
-    people = fitted("Overcooked", load_demonstrations(OVERCOOKED), "raw").audit_
+    people = audit(load_demonstrations(OVERCOOKED), random_state=seed, progress=shown("Overcooked"))
     is_better = load_truth(OVERCOOKED, "is_good")
     sides = people.log_odds[is_better == 1], people.log_odds[is_better == 0]
     rng = np.random.default_rng(seed)
     interval = bootstrap(sides, auroc, method="percentile", random_state=rng)
     data = load_demonstrations(LUNARLANDER)
-    model = fitted("LunarLander", data, LANDER_FEATURES)
+    model = RPIL(LANDER_FEATURES, random_state=seed, progress=shown("LunarLander")).fit(data)
     is_good = load_truth(LUNARLANDER, "is_good") == 1
     policies: dict[str, Player] = {
         "trust_all": BehavioralCloning(LANDER_FEATURES).fit(data),

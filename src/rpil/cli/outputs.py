@@ -31,8 +31,8 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: Stag
         return
     from rpil.formats.columns_file import write_weights
     from rpil.formats.registry import find
+    from rpil.results.choice import write_kept, write_verdicts
     from rpil.results.html.page import write_page
-    from rpil.results.verdict_table import verdict_columns, write_kept, write_verdicts
     from rpil.results.view import make_view
 
     audit, findings = run.audit, run.faults.findings if run.faults else ()
@@ -58,7 +58,7 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: Stag
     writers: dict[str, Callable[[str], None]] = {
         "weights": write_step_weights,
         "verdicts": lambda path: write_verdicts(
-            path, audit, verdict_columns(audit, run.demonstrators, findings, run.recording.tasks)
+            path, audit, audit.table(run.demonstrators, run.recording.tasks, findings)
         ),
         "keep": write_keep,
         "report": lambda path: write_page(path, make_view(audit, about(run))),

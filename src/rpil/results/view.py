@@ -72,11 +72,11 @@ from rpil.inference.findings import DECIDED
 from rpil.inference.step_trust import step_proba
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
+from rpil.results.choice import choose
 from rpil.results.facts import TWO_GROUPS
 from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
 from rpil.results.overview import headline
 from rpil.results.result import MAX_LOG_ODDS, AuditResult
-from rpil.results.verdict_table import choice_of
 from rpil.results.vocabulary import SIDES
 
 MAX_FOUND, MAX_FIRST = 20_000, 8
@@ -182,12 +182,11 @@ def _answers(audit: AuditResult) -> list[list[object]]:
 def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
     """The columns of the demonstrations."""
     letters = {name: letter for letter, members in audit.groups.items() for name in members}
-    names, facts, table = list(map(str, audit.ids)), audit.facts, audit.table()
-    kept = {*choice_of(audit).kept}
+    names, facts, table = list(map(str, audit.ids)), audit.facts, audit.table(about.demonstrators, about.tasks)
+    kept = {*choose(table).kept}
     return {
         "id": names,
-        **{name: list(table[name]) for name in ("verdict", "rank", "n_steps")},
-        "reason": list(audit.reasons),
+        **{name: list(table[name]) for name in ("verdict", "rank", "n_steps", "reason", "task", "demonstrator")},
         "log_odds": _significant(audit.log_odds),
         "p": [
             round(p, DECIMALS_SHOWN) if audit.has_proba(m) else None for m, p in enumerate(audit.expert_proba.tolist())
@@ -199,8 +198,6 @@ def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
         "stretch": [answering.stretch_of(audit, m) for m in range(len(names))],
         "look": np.argsort(order).tolist(),
         "group": [letters.get(name, "") for name in audit.ids],
-        "task": [about.tasks.get(name, "") for name in names],
-        "demonstrator": [about.demonstrators.get(name, "") for name in names],
         "session": list(map(str, facts.get("session", [""] * len(names)))),
         "order": list(facts.get("order", ())),
         "facts": {
