@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rpil.cli.commands import (
-    audit_data,
     check_paths,
+    judge,
     look_for_faults,
     open_recording,
-    open_with_missing,
-    read_data,
     tell_of_set_aside,
 )
 from rpil.cli.options import (
@@ -33,7 +32,7 @@ from rpil.data.text import counted
 
 if TYPE_CHECKING:
     from rpil.formats.recording import Recording
-    from rpil.results.choice import Asked, Choice, Table
+    from rpil.results.choice import Choice, Table
 
 
 @click.command()
@@ -73,26 +72,27 @@ def keep(
     source, given = find(file), RunOptions.of(options)
     source.check_output(output, given.columns)
     with show_stages(given.quiet) as progress:
-        audit = None
+        audit, unnamed = None, set[str]()
         if verdicts is None:
-            read, reference = read_data(file, given, progress)
-            audit = audit_data(file, read, reference, given, progress).audit
+            run = judge(file, given, progress)
+            read, audit = run.recording, run.audit
             table: Table = audit.table()
         else:
-            read = open_with_missing(file, given.columns, progress)
-            table = _verdicts_on(read, verdicts)
+            read = open_recording(file, replace(given.columns, allow_missing=True), progress)
+            table, unnamed = _verdicts_on(read, verdicts)
         faults = look_for_faults(read, progress, True, given.without_faults) if given.without_faults else None
         asked = choice_asked(given, faults, share, at_least)
-        choice, n_unnamed = _choice(read, table, asked)
-        _check_left(choice, file, verdicts, table)
+        from rpil.results.choice import choose
         from rpil.results.lost import lost_places
 
+        choice = choose(table, asked)
+        _check_left(choice, file, verdicts, table)
         lost = () if given.quiet else lost_places(read.demonstrations, choice.kept)
         progress(f"writing {output}")
         read.keep(choice.kept, output)
     tell_of_set_aside(read)
     click.echo(f"Kept {len(choice.kept):,} of {len(read.ids):,} demonstrations: {output}")
-    if n_unnamed:
+    if n_unnamed := sum(str(name) in unnamed for name in choice.kept):
         click.echo(f"{n_unnamed:,} of these are not named in {verdicts}: --only IDS keeps some alone.")
     print_lines(choice.lines())
     if not given.quiet:
@@ -111,30 +111,21 @@ def _check_left(choice: Choice, file: str, verdicts: str | None, table: Table) -
         raise DataError(f"{file}: no demonstration is left by {source}; {', or '.join(ways)}.")
 
 
-def _choice(read: Recording, table: Table, asked: Asked) -> tuple[Choice, int]:
-    """The choice among all that is read, and how many are kept although the table does not name them: all without a
-    named fault. Ids are compared as text."""
-    from rpil.results.choice import choose
-
-    choice, ids, named = choose(table, asked), read.demonstrations.ids, {*map(str, table["id"])}
-    others = [name for name in ids if str(name) not in named]
-    faulty = [name for name in others if str(name) in asked.faulty]
-    rejected = dict(choice.rejected)
-    if faulty:
-        rejected["faults"] = (*rejected.get("faults", ()), *faulty)
-    wanted = {*map(str, (*choice.kept, *others))} - {*map(str, faulty)}
-    kept = tuple(name for name in ids if str(name) in wanted)
-    return replace(choice, kept=kept, rejected=rejected), len(others) - len(faulty)
-
-
-def _verdicts_on(read: Recording, path: str) -> Table:
-    """The rows of a file of verdicts about the demonstrations that are read; others in the same file have none."""
+def _verdicts_on(read: Recording, path: str) -> tuple[Table, set[str]]:
+    """The rows of a file of verdicts about the demonstrations that are read, and those that it does not name, which no
+    verdict rejects. Ids are compared as text."""
     from rpil.data.id_values import check_ids
-    from rpil.results.choice import read_verdicts, rows_of
+    from rpil.results.choice import read_verdicts
 
-    table = read_verdicts(path, read.ids)
+    table, ids = read_verdicts(path, read.ids), read.demonstrations.ids
     check_ids(table["id"], read.ids, path, "the ids")
-    return rows_of(table, {*map(str, read.demonstrations.ids)})
+    row = {str(name): k for k, name in enumerate(table["id"])}
+    nothing: dict[str, object] = {"verdict": "open", "log_odds": math.inf, "expert_proba": 1.0}
+    found: dict[str, list[object]] = {
+        column: [values[row[str(m)]] if str(m) in row else nothing.get(column, "") for m in ids]
+        for column, values in table.items()
+    }
+    return {**found, "id": ids}, {*map(str, ids)} - {*row}
 
 
 @click.command()

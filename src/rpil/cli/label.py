@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import AuditRun, audit_data, check_paths, read_data, tell_of_set_aside
+from rpil.cli.commands import AuditRun, check_paths, judge, tell_of_set_aside
 from rpil.cli.options import LABEL_OPTIONS, RunOptions, Value, command_words, with_options
 from rpil.cli.printed_audit import finding_lines, verdict_sentence
 from rpil.cli.terminal import show_stages
@@ -46,11 +46,10 @@ def audit_with_answers(file: str, options: dict[str, Value]) -> tuple[AuditRun, 
     before = Path(path).read_bytes() if Path(path).exists() else None
     given = replace(given, labels=path if before is not None else None)
     with show_stages(given.quiet) as progress:
-        recording, _ = read_data(file, given, progress)
-        run = audit_data(file, recording, None, given, progress)
+        run = judge(file, given, progress)
     if not run.audit.columns.size:
         raise DataError(f"{file}: this audit keeps nothing to learn from answers; leave out --adversary.")
-    tell_of_set_aside(recording)
+    tell_of_set_aside(run.recording)
     terminal.print_lines([*finding_lines(run.audit), verdict_sentence(run.audit)])
     return run, path, before
 

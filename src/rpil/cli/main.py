@@ -50,7 +50,7 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     run = RunOptions.of(options)
     check_paths((file, run.labels, *run.columns.files.values()), output)
     with show_stages(run.quiet) as progress:
-        recording, _ = commands.read_data(file, run, progress)
+        recording = commands.open_recording(file, run.columns, progress)
         progress(LOADING)
         from rpil.estimators.persistence import save
         from rpil.estimators.rpil import RPIL

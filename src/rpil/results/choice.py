@@ -148,12 +148,6 @@ def _rule_of(name: str, label: object, rule: str, below: bool, asked: Asked) -> 
     return next((one for one, holds in (*found.items(), inferred) if holds and one not in asked.ignored), "")
 
 
-def rows_of(table: Table, ids: Set[str]) -> Table:
-    """The rows of a table of verdicts about the demonstrations `ids`, which are texts."""
-    there = [str(name) in ids for name in table["id"]]
-    return {column: list(compress(values, there)) for column, values in table.items()}
-
-
 def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
     """The columns of a table of verdicts that an audit wrote, or of labels of the `ids`, which become verdicts, or of
     the demonstrations to keep that an audit or a review wrote, with the rules that reject the others.
