@@ -77,8 +77,6 @@ def answers(model: Any, data: Any) -> dict[str, Array]:
     found = {"predict": model.predict(rows), "log_prob": model.log_prob(rows, actions)}
     if len(model.classes_):
         found["predict_proba"] = model.predict_proba(rows)
-    if isinstance(model, rpil.RPIL):
-        found["score_demonstrations"] = model.score_demonstrations(some)
     return found | {"score": np.array(model.score(rows, actions))}
 
 

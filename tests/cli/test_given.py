@@ -112,20 +112,6 @@ def test_a_reference_is_labelled_good_and_left_out_of_what_is_written(data, give
         assert "reference 0" not in Path(name).read_text()
 
 
-def test_a_reference_says_which_of_two_groups_is_good():
-    """Two groups of ten, each with a policy of its own: the one that acts as the reference does is good."""
-    rng = np.random.default_rng(0)
-    owner = np.repeat(np.arange(20), N_STEPS)
-    x, v = rng.normal(size=(2, len(owner)))
-    turned = np.where(owner < 10, -1, 1) * np.tanh(2 * x - v) + 0.1 * rng.normal(size=len(owner))
-    write("two.parquet", 20, {}, 1, x=x, v=v, action=turned)
-    write("good.parquet", 10, {}, 2)
-    write("other.parquet", 10, {}, 2, action=-pq.read_table("good.parquet")["action"].to_numpy())
-    for reference, good in (("good.parquet", range(10, 20)), ("other.parquet", range(10))):
-        rows = audited("two.parquet", "--reference", reference)["demonstrations"]
-        assert {row["id"] for row in rows if row["rank"] <= 10} == set(good)
-
-
 def with_missing(name, *bad):
     """The `data`, in which values of the demonstrations `bad` are missing."""
     write(name, 24, BAD, 1)
@@ -188,21 +174,6 @@ def test_demonstrations_with_missing_values_never_stop_the_rest(stream):
         assert (result.stdout + result.stderr).count(LINE) == 1
         if "-o" in command and command[2] != "policy":
             assert not {4, 20} & {*formats.read(command[2]).ids}
-
-
-def test_what_has_missing_values_is_not_kept_whatever_its_verdict():
-    data = with_missing("d.parquet", 4, 20)
-    Path("labels.csv").write_text("id,label\n4,good\n7,good\n8,bad\n")
-    result = ok("keep", data, "-o", "k.parquet", "--verdicts", "labels.csv", "--skip-bad")
-    assert formats.read("k.parquet").ids == tuple(m for m in range(24) if m not in (4, 8, 20))
-    assert LINE in result.stderr
-
-
-def test_check_names_what_is_missing_and_checks_the_rest():
-    said = json.loads(
-        ok("check", with_missing("d.parquet", 4, 20), "--skip-bad", "--format", "json", "--without", "20").stdout
-    )
-    assert (said["set_aside"], said["counts"]["missing values"], said["demonstrations"]) == ([4], 1, 23)
 
 
 def test_what_is_not_there_is_named_with_the_option():

@@ -88,11 +88,6 @@ def test_keep_refuses_before_it_judges(folder, monkeypatch):
     refused("give it the extension .parquet", "keep", data, "-o", "k.csv")
 
 
-def test_what_is_open_is_kept(folder):
-    printed = ok("keep", folder / "shifted.parquet", "-o", "k.parquet", "-q").stdout
-    assert printed == "Kept 12 of 12 demonstrations: k.parquet\n"
-
-
 def test_convert_writes_operator_and_task_of_each_demonstration():
     rows = [f"{m},{k},{k / 7},{m % 2},{'AB'[m % 2]},lift it" for m in range(4) for k in range(5)]
     Path("in.csv").write_text("\n".join(["run,t,x,turn,operator,task", *rows]) + "\n")
@@ -114,15 +109,6 @@ def test_a_list_of_lerobot_is_given_to_the_training(tmp_path):
     quiet = ok("keep", robot, "-o", "keep.json", *named, "-q").stdout
     assert quiet.startswith("Kept 1 of 4 demonstrations: keep.json\nRejected: 1 by your labels.")
     refused(r"x\.csv: .* folder", "keep", robot, "-o", "x.csv", "--verdicts", "labels.csv")
-
-
-def test_idle_ends_are_told():
-    n, still, rng = 80, 15, np.random.default_rng(0)
-    steps = np.clip(np.arange(n), still, n - still - 1)
-    values = np.cumsum(rng.normal(size=(6, n, 2)), axis=1)[:, steps].reshape(-1, 2)
-    np.savez("drive.npz", observations=values, actions=values[:, :1], episode_ids=np.repeat(np.arange(6), n))
-    trims = json.loads(ok("check", "drive.npz", "--format", "json", "-q").stdout)["trims"]
-    assert {trim["id"]: (trim["first"], trim["end"]) for trim in trims}[4] == (still, n - still)
 
 
 def test_a_folder_is_checked(tmp_path):

@@ -13,7 +13,6 @@ import pytest
 from rich.cells import cell_len
 
 from audits import make_audit
-from rpil.cli import printed_audit
 from rpil.cli.printed_audit import MAX_LINES, MAX_ROWS, MIN_ROWS, next_steps, odd_lines, print_audit
 from rpil.cli.terminal import THEN_RUN
 from rpil.faults.report import FaultReport
@@ -110,19 +109,6 @@ def test_no_fault_is_a_sentence_and_one_is_one(capsys):
     assert command == "  All: rpil check."
 
 
-def test_those_to_look_at_first_are_named_and_shown(capsys):
-    """First those with a recording fault, then those of the order of looking."""
-    audit = make_audit(("outlier",) * 20 + ("open",) * 20)
-    print_audit(audit, faults=FaultReport(faults([30]).findings, {}, {}, {}, {}, 40, 99))
-    lines = capsys.readouterr().out.splitlines()
-    rows = [line.split()[0] for line in lines if re.match(r"\S+ +(outlier|open)", line)]
-    assert rows == ["30", *(str(audit.ids[m]) for m in audit.ranking()[::-1][: len(rows) - 1])]
-    assert lines[0] == f"Look at these 5 first: {', '.join(rows)}."
-    assert [line.split()[0] for line in printed(audit, capsys, all_rows=True) if re.match(r"\d+ +\d+ +\w+ ", line)] == [
-        str(audit.ids[m]) for m in audit.ranking()[::-1]
-    ]
-
-
 def test_where_all_have_a_label_the_lowest_are_shown(capsys):
     audit = make_audit(("bad", "bad", "good"), labels={0: -1, 1: -1, 2: 1}, anchor="answers", finding="answered")
     lines = printed(audit, capsys)
@@ -175,8 +161,3 @@ def test_doubts_and_contradicting_labels_are_results(capsys):
         "Group A, 2: 0, 1",
         "Group B, 2: 2, 3",
     ]
-
-
-def test_ids_are_cut_at_their_beginning():
-    assert printed_audit.short_id("x" * 28) == "x" * 28
-    assert printed_audit.short_id("x" * 28 + "7") == "..." + "x" * 24 + "7"

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from sklearn.base import clone
 from sklearn.linear_model import LinearRegression
-from sklearn.metrics import r2_score
 
 from problems import make_continuous, refused
 from rpil.data.demonstrations import Demonstrations
@@ -22,8 +21,6 @@ from small import FAST
 STEPS = (40, 60)
 
 MANY: dict[str, Any] = {"n_good": 10, "n_bad": 10, "steps": STEPS}
-
-ESTIMATORS = [RPIL(), BehavioralCloning(), RMEnt()]
 
 
 def test_units_of_the_actions_do_not_matter():
@@ -54,14 +51,6 @@ def test_predictions_lie_in_the_box(estimator, n_parts):
     for method in ("predict_proba", "predict_log_proba"):
         with refused("The actions are continuous"):
             getattr(model, method)(toy.observations)
-
-
-@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
-def test_score_is_r_squared(estimator):
-    toy = make_continuous("noisy", 0, n_bad=2)
-    model = clone(estimator).fit(toy.demonstrations)
-    expected = r2_score(toy.actions, model.predict(toy.observations))
-    assert model.score(toy.observations, toy.actions) == pytest.approx(expected)
 
 
 def test_behavioral_cloning_without_outliers_is_least_squares():

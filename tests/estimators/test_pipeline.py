@@ -63,25 +63,6 @@ def test_a_learner_trusts_the_larger_part_by_linear_policies_and_says_so(policy)
     assert not rpil.audit(toy.demonstrations).part.any()
 
 
-def test_user_policy_with_repeated_columns():
-    toy = make("none", 0, n_good=8, n_bad=4, steps=STEPS)
-    twice = np.hstack([toy.observations, toy.observations[:, :1], np.zeros((len(toy.actions), 1))]) * 1e12
-    audit = RPIL(policy=LogisticRegression()).fit(twice, toy.actions, groups=toy.groups).audit_
-    assert set(audit.verdicts) == {"open"}
-
-
-def test_user_policy_scores_demonstrations_as_it_judged_them():
-    toy = make("random", 0, n_good=8, n_bad=6, steps=STEPS)
-    model = RPIL(policy=LogisticRegression()).fit(toy.demonstrations)
-    again = model.score_demonstrations(toy.demonstrations)
-    assert ((again > 0) == (model.audit_.log_odds > 0)).all()
-    toy = make_continuous("random", 0, n_good=8, n_bad=6, steps=(40, 60))
-    far = Demonstrations.from_arrays(toy.observations, 50 * toy.actions, toy.offsets, toy.ids)
-    labels = {name: "good" if m < 8 else "bad" for m, name in enumerate(far.ids)}  # without them it says two groups
-    model = RPIL(policy=Ridge()).fit(far, labels=labels)
-    assert ((model.score_demonstrations(far) > 0) == (model.audit_.log_odds > 0)).all()
-
-
 def test_observations_with_infinite_squares_are_refused():
     toy = make("random", 0, steps=STEPS)
     with pytest.raises(

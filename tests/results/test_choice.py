@@ -28,27 +28,6 @@ def kept(table, **asked):
     return list(choose(table, Asked(**asked)).kept)
 
 
-@pytest.mark.parametrize(
-    ("asked", "ids"),
-    [
-        ({}, "acde"),
-        ({"share": 0.8}, "acde"),
-        ({"share": 0.6}, "acd"),
-        ({"share": 0.01}, "a"),
-        ({"share": 1}, "abcde"),
-        ({"at_least": 0.6}, "acde"),
-        ({"at_least": 0.991}, ""),
-        ({"ignored": {"answers"}}, "abcde"),
-        ({"faulty": {"a", "b"}}, "cde"),
-        ({"share": 0.6, "faulty": {"a"}}, "cd"),
-    ],
-)
-def test_choice(asked, ids):
-    choice = choose(TABLE, Asked(**asked))
-    assert list(choice.kept) == [*ids]
-    assert sorted([*choice.kept, *itertools.chain(*choice.rejected.values())]) == TABLE["id"], "each is named once"
-
-
 def table_of(words, labels=None, rules=None):
     ids = [f"d{m}" for m in range(len(words))]
     columns = {"id": ids, "verdict": list(words), "label": list([""] * len(words) if labels is None else labels)}
@@ -157,13 +136,6 @@ def test_the_worse_one_of_a_pair_is_named_and_rejected_after_a_second_answer_tha
     assert copied.choice.rejected == {"answers": (1, 2)}
 
 
-def test_a_share_or_a_probability_is_obeyed_in_full():
-    table = {**table_of(["bad"] * 9 + ["good"]), "log_odds": range(10), "expert_proba": [0.05] * 10}
-    table["label"][9] = "bad"
-    for asked, n in ((Asked(share=0.5), 4), (Asked(at_least=0.5), 0), (Asked(share=0.5, ignored={"labels"}), 5)):
-        assert len(choose(table, asked).kept) == n
-
-
 def with_flags(outcome, **changes):
     known = replace(Answers.none(4), outcome=np.array(outcome), failure="success = 0")
     return make_audit(("open",) * 4, answers=known, **changes)
@@ -257,14 +229,6 @@ def test_files_that_are_no_verdicts_are_refused(tmp_path):
         (tmp_path / "v.json").write_text(text)
         with pytest.raises(DataError, match=rf"v\.json: .*{said}"):
             read_verdicts(tmp_path / "v.json")
-
-
-def test_the_sentence_counts_each_rule():
-    words = ["bad", "bad", "outlier", "adversary", "good"]
-    choice = choose(table_of(words, ["bad", "", "", "", ""]))
-    said = "1 by your labels, 1 by inference from your answers, 1 like the adversary that was named"
-    assert choice.lines()[:3] == [f"Rejected: {said}.", "  by your labels: d0", "  by inference from your answers: d1"]
-    assert choose(table_of(["open"])).lines() == []
 
 
 def test_what_was_written_to_keep_is_carried_out_by_its_rules(tmp_path):

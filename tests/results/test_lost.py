@@ -107,24 +107,3 @@ def test_no_kept_one_is_beyond_the_bound_and_each_that_is_named_is(scale, offset
         sign = 1 if side == "above" else -1
         assert all(sign * value <= sign * float(bound) for value in first[:40])
         assert all(sign * first[int(name)] > sign * float(bound) for name in who.split(" and "))
-
-
-def test_states_in_a_hole_are_named_without_an_observation():
-    rng = np.random.default_rng(12)
-    angle = np.linspace(0, 2 * np.pi, 40)
-    circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    episodes = [(circle + 0.01 * rng.normal(size=(40, 2)), np.zeros(40, int)) for _ in range(12)]
-    inside = np.where(np.arange(40)[:, None] == 0, circle, 0.05 * circle)
-    found = lost_places(Demonstrations.from_episodes([*episodes, (inside, np.zeros(40, int))]), range(12))
-    assert found == ("No kept demonstration comes near half of the states of 12.",)
-
-
-@pytest.mark.parametrize("shift", [60, -60])
-def test_whole_numbers_without_a_sign(shift):
-    rng = np.random.default_rng(13)
-    rows = [rng.integers(100, 120, size=(20, 3)) + shift * (m == 11) for m in range(12)]
-    signed, unsigned = (
-        Demonstrations.from_episodes([(row.astype(kind), np.zeros(20, int)) for row in rows])
-        for kind in (np.int64, np.uint8)
-    )
-    assert lost_places(unsigned, range(11)) == lost_places(signed, range(11)) != ()

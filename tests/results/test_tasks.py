@@ -65,21 +65,6 @@ def test_bad_ones_are_kept_until_the_answers_of_their_own_task_contrast(labels, 
     assert joined(parts[0], other).choice == joined(*parts).choice, "the groups of one task say nothing of another"
 
 
-def test_without_any_audit_nothing_is_known():
-    audit = join_audits({}, {"a": [0], "b": [1]}, ["x", "y"], np.array([0, 2, 5]))
-    assert audit.finding == "nothing could be learned"
-    assert audit.verdicts == ("open", "open")
-    assert audit.to_dict()["n_steps"] == 5
-
-
-def test_copies_and_notes_keep_their_tasks():
-    same = "One demonstration is a copy of 1 other: each is judged once."
-    copies = {"copy_of": np.array([0, 0]), "notes": (same,)}
-    audit = joined(copies | {"notes": (same, "Part 3 rests.")}, copies)
-    assert audit.copy_of.tolist() == [0, 1, 0, 1, 4]
-    assert audit.notes == (same, "one: Part 3 rests.")
-
-
 def test_what_was_said_before_any_answer_and_columns_stay_with_their_tasks():
     """A demonstration that is alone is in the middle of each column, of which all tasks have the same."""
     one = {"claimed": np.array([0, -1]), "columns": np.array([[1.0, 2.0], [3.0, 4.0]])}
@@ -91,27 +76,6 @@ def test_what_was_said_before_any_answer_and_columns_stay_with_their_tasks():
     audit = joined({"columns": wide}, {"columns": fewer})
     assert audit.columns[0].tolist() == [*range(len(CHANNELS)), len(CHANNELS) + 3]
     assert join_audits({}, {"": [0]}, [0], np.arange(2)).columns.shape == (1, 0)
-
-
-def test_answers_are_about_the_same_demonstrations_as_in_their_tasks():
-    one = Answers(np.array([1, 0]), np.array([[1, 0]]), np.array([np.nan, 2.0]), np.array([[0, 1]]))
-    other = Answers(np.array([0, -1]), np.array([[0, 1]]), np.array([0.5, np.nan]), np.array([[1, 0]]))
-    answers = joined({"answers": one}, {"answers": other}).answers
-    assert answers.labels.tolist() == [1, 0, 0, -1, 0]
-    assert [[IDS[m] for m in pair] for pair in answers.pairs.tolist()] == [[1, 0], ["a", "b"]]
-    assert [[IDS[m] for m in pair] for pair in answers.tied.tolist()] == [[0, 1], ["b", "a"]]
-    np.testing.assert_array_equal(answers.outcome, [np.nan, 0.5, 2.0, np.nan, np.nan])
-
-
-def test_of_a_demonstration_that_is_alone_nothing_is_known():
-    audit = joined()
-    for name in ("log_odds", "from_actions", "from_demonstrator", "from_label", "claimed", "part"):
-        assert getattr(audit, name)[4] == 0
-    assert (audit.expert_proba[4], audit.reliability[4], *audit.reliability_interval[4]) == (0.5, 0.5, 0, 1)
-    for name, nothing in (("step_log_ratio", 0.0), ("step_weight", 1.0)):
-        assert getattr(audit, name)[8:].tolist() == [nothing] * 2
-    assert (audit.sessions, audit.within) == ((), "tasks")
-    assert joined(what="sessions").within == "sessions"
 
 
 def test_groups_of_one_task_are_groups_of_all_and_the_first_pair_is_asked():

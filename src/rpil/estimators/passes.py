@@ -61,12 +61,10 @@ class SampledFit(FullFit):
         )
         return JudgeInput(demonstrations, options.judged(data), features, indices, blocks)
 
-    def extend(
-        self, posed: JudgeInput, judgement: Judgement, judge: FittedJudge | None
-    ) -> tuple[Judgement, FittedJudge | None, FitData]:
+    def extend(self, posed: JudgeInput, judgement: Judgement) -> tuple[Judgement, FittedJudge | None, FitData]:
         task, options = self.task, self.options
         assert posed.blocks is not None
-        sample = _sample(posed, judgement, judge)
+        sample = _sample(posed, judgement, FittedJudge.of(judgement, posed.data, options.settings.judge))
         options.progress("a pass over everything: scores")
         none, names = np.empty(0), posed.data.action_names
         everyone = FitData(

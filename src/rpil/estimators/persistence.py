@@ -21,7 +21,6 @@ from rpil.data.archive import (
     stored_name,
     write_archive,
 )
-from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_readable
 from rpil.estimators.cloning import BehavioralCloning
@@ -39,9 +38,10 @@ _FIT = ("n_iter_", "converged_")
 FITTED = {
     "BehavioralCloning": _POLICY,
     "RMEnt": (*_POLICY, "ids_", "weights_", "log_likelihood_", "objective_", *_FIT),
-    "RPIL": (*_POLICY, "judge_features_", "judge_", "state_", "lower_bound_", *_FIT),
+    "RPIL": ("space_", "state_", "features_", "policy_", "lower_bound_", *_FIT),
 }
-"""The attributes of each estimator that a file holds; an audit is none, because `rpil.audit` makes it again."""
+"""The attributes of each estimator that a file holds; an audit is none, because `rpil.audit` makes it again.
+The state of the mixture comes before the features of the policy: it has others."""
 
 FITTED_ARRAYS = dict.fromkeys(("weights_", "log_likelihood_"), ArrayField("M"))
 _NAMES = ("feature_names_in_", "observation_names_")  # from data frames, and from `Demonstrations`
@@ -164,11 +164,6 @@ def _try_out(estimator: SavedEstimator) -> None:
     if isinstance(estimator, RMEnt):
         sound &= len(estimator.ids_) == len(estimator.weights_)
     if isinstance(estimator, RPIL):
-        state, judge = estimator.state_, estimator.judge_  # neither where several tasks were judged
-        sound &= state is None or (judge is None and np.isfinite(state.prior.log).all())
-        if state is not None or judge is not None:
-            taken = classes[action] if len(classes) else action
-            step = Demonstrations(observation, taken, np.array([0, 1]))
-            sound &= not np.isnan(estimator.score_demonstrations(step)).any()
+        sound &= estimator.state_ is None or np.isfinite(estimator.state_.prior.log).all()
     if not sound:
         raise ValueError("values out of range")

@@ -149,15 +149,14 @@ class JudgeInput:
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
-    """The audit of the demonstrations, and what judges others and acts; the estimator copies it onto itself."""
+    """The audit of the demonstrations, and the policy; the estimator copies it onto itself."""
 
     audit: Audit
-    judge_features: Features
-    """While trust was decided."""
     features: Features
     """Of the final policy; those of the judge where no policy is kept."""
     policy: FinalPolicy | None = None
     judge: FittedJudge | None = None
+    """Of a sample, which judges all others."""
     state: State | None = None
     """Of the mixture with a named adversary."""
     n_iter: int = 0
@@ -180,7 +179,7 @@ def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> FitResult:
     result = fit_mixture(data, search, options.adversary, options.progress)
     share = Interval(*result.state.prior.interval(result.posterior.expert))
     audit = audit_from_mixture(data, result, share, posed.demonstrations.ids, settings.audit)
-    fitted = FitResult(audit, posed.features, posed.features, state=result.state, converged=bool(result.converged))
+    fitted = FitResult(audit, posed.features, state=result.state, converged=bool(result.converged))
     return replace(fitted, n_iter=max(1, len(result.history) - 1), lower_bound=result.objective)
 
 
@@ -238,28 +237,22 @@ class FullFit:
         """The decision of the judge about all demonstrations, with the answers that were given."""
         task, options, copies, judge_settings = self.task, self.options, posed.copies, self.options.settings.judge
         learner = options.linear_data(posed) if self.keeps_policy else None
-        judgement, fitted = judge(posed.data, self.held_out(posed), judge_settings, options.progress, learner), None
-        if self.keeps_policy or posed.indices is not None:  # the judge of a sample judges the others
-            from rpil.inference.fitted_judge import FittedJudge
-
-            fitted = FittedJudge.of(judgement, posed.data, judge_settings, user_policy=options.policy is not None)
-        judgement, fitted, data = self.extend(posed, judgement, fitted)
+        judgement = judge(posed.data, self.held_out(posed), judge_settings, options.progress, learner)
+        judgement, judge_of_all, data = self.extend(posed, judgement)
         # An audit answers like the judge, and without a policy its weights are for other trainings.
         settings = replace(options.settings.audit, judge=judge_settings, weighs_for_learner=self.keeps_policy)
         audit = audit_from_judgement(judgement, data, task.source.ids, task.answers, settings)
         notes = *audit.notes, *parts_not_judged(posed.data), "" if copies is None else copies.sentence
         history, audit = judgement.scores.fit.history, replace(audit, notes=tuple(filter(None, notes)))
-        decided = FitResult(audit, posed.features, posed.features, judge=fitted, judgement=judgement)
+        decided = FitResult(audit, posed.features, judge=judge_of_all, judgement=judgement)
         return replace(decided, n_iter=len(history), lower_bound=float(history[-1]))
 
-    def extend(
-        self, posed: JudgeInput, judgement: Judgement, judge: FittedJudge | None
-    ) -> tuple[Judgement, FittedJudge | None, FitData]:
-        """The judgement of all demonstrations, the judge of others, and the data of all."""
+    def extend(self, posed: JudgeInput, judgement: Judgement) -> tuple[Judgement, FittedJudge | None, FitData]:
+        """The judgement of all demonstrations, of a sample its judge, and the data of all."""
         if posed.copies is None:
-            return judgement, judge, posed.data
+            return judgement, None, posed.data
         every = self._data(self.task.demonstrations, posed.features)
-        return repeated(judgement, posed.copies, every.offsets), judge, every
+        return repeated(judgement, posed.copies, every.offsets), None, every
 
     def _data(self, demonstrations: Demonstrations, features: Features, rows: Indices = slice(None)) -> FitData:
         """The data of the demonstrations at `rows`, with labels and demonstrators."""
@@ -301,4 +294,4 @@ def learn(task: Task, options: FitOptions, audit: Audit) -> FitResult:
     posed = JudgeInput(demonstrations, task.data(demonstrations, features), features)
     options.progress("the policy")
     final, policy = FullFit(task, options)._final_policy(posed, audit.step_weight)
-    return FitResult(audit, features, final, policy)
+    return FitResult(audit, final, policy)

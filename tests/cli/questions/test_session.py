@@ -10,10 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from asked import BAD
 from rpil.cli.questions.session import (
     Session,
-    contradiction_lines,
     fact_lines,
     next_question,
     question_sentence,
@@ -63,13 +61,6 @@ def test_it_ends_after_four_questions_where_every_demonstration_is_good_or_bad(a
     assert len(asked(doubtful, 4, pair=True)) == 1
     assert asked(doubtful, 8) == ()
     assert asked(doubtful, 800, None, pair=True)
-
-
-def test_an_answer_that_looks_wrong_is_named_once(audit):
-    right = {name: "bad" if name in BAD else "good" for name in (0, 1, 2, 3, 8, 9)}
-    before, after = audit.answered(right), audit.answered({**right, 5: "good"})
-    assert list(contradiction_lines((), after)) == ["The answer about 5 contradicts 6 others; check it."]
-    assert list(contradiction_lines((5,), after)) == list(contradiction_lines((), before)) == []
 
 
 def rows():
