@@ -63,16 +63,15 @@ def test_bundle_is_small_and_has_its_licence() -> None:
 
 def test_audits_agree_with_the_truth(result: demo.DemoResult) -> None:
     assert result.lander.finding == "outliers"
-    assert result.wrong_verdicts == 0
     assert set(result.returns) == POLICIES
     assert result.returns["rpil"].mean > result.returns["trust_all"].mean + 100
-    assert result.auroc > 0.8
-    assert result.spearman > 0.4
+    auroc, spearman = map(float, re.findall(r"(?:AUROC|Spearman) (\d\.\d+)", result.sentences[0]))
+    assert auroc > 0.8
+    assert spearman > 0.4
 
 
 def test_sentences_contain_the_numbers(result: demo.DemoResult, stages: list[str]) -> None:
-    text = " ".join(result.sentences())
-    assert f"{result.auroc:.2f}" in text
+    text = " ".join(result.sentences)
     assert f"32 real people: {result.people.finding}. " in text
     assert "corrupted demonstrations: outliers. 0 of 20" in text
     assert f"R-PIL {result.returns['rpil'].mean:.0f}" in text
@@ -122,8 +121,8 @@ def test_picture_shows_the_landings_of_the_demo(result: demo.DemoResult) -> None
 
 def test_readme_quotes_the_demo(result: demo.DemoResult) -> None:
     quoted = re.findall(r"^> ?(.*)$", (ROOT / "README.md").read_text(), re.MULTILINE)
-    text, printed = " ".join(" ".join(quoted).split()), " ".join(result.sentences())
+    text, printed = " ".join(" ".join(quoted).split()), " ".join(result.sentences)
     assert re.sub(NUMBER, "#", text) == re.sub(NUMBER, "#", printed)
-    audits = " ".join(result.sentences()[:2])  # the returns are of more landings
+    audits = " ".join(result.sentences[:2])  # the returns are of more landings
     for told, now in zip(re.findall(NUMBER, text), re.findall(NUMBER, audits), strict=False):
         assert float(told) == pytest.approx(float(now), abs=0.02 if "." in told else 10)

@@ -34,7 +34,7 @@ def test_a_curve_that_is_flat_or_not_known_is_packed(values):
 
 def test_drawing_has_the_steps_of_its_demonstration():
     part = TracedPart("elbow", 0.61234, -321.987654, np.arange(400.0), np.full(400, -1.0), np.full(400, 2000.0))
-    traces = {1: Traces((part,), compared_with="trusted")}
+    traces = {1: Traces((part,))}
     audit = make_audit(("open", "outlier"), lengths=[40, 1200], traces=traces)
     drawn = drawings(audit, [1])["1"]
     ratio, trust = audit.step_log_ratio[40:].reshape(400, 3), audit.step_trust(1).reshape(400, 3)
@@ -44,7 +44,6 @@ def test_drawing_has_the_steps_of_its_demonstration():
     np.testing.assert_allclose(unpacked(drawn["trust"], "mean"), trust.mean(1), atol=1 / LEVELS)
     (part,) = drawn["parts"]
     assert (part["name"], part["share"], part["nats"]) == ("elbow", 0.6123, -321.988)
-    assert drawn["compared_with"] == "trusted"
     np.testing.assert_allclose(unpacked(part, "value"), np.arange(400.0), atol=2001 / LEVELS)
     np.testing.assert_allclose(unpacked(part, "high"), 2000, atol=1)
     assert drawings(audit, [0])["0"]["parts"] == []

@@ -83,4 +83,4 @@ def demo(episodes: int, output: str, seed: int, quiet: bool) -> None:
         result = run(episodes=episodes, seed=seed, progress=progress)
         progress("writing the report")
         result.write_report(output)
-    click.echo("\n".join([*result.sentences(), f"Report: {output}"]))
+    click.echo("\n".join([*result.sentences, f"Report: {output}"]))

@@ -24,8 +24,6 @@ from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
-from rpil.results.evidence import with_fewer_traces
-from rpil.results.judged import MAX_DRAWN
 from rpil.results.record import Audit
 from rpil.results.step_weights import takeover_signs
 from rpil.results.summary import assumption_sentences
@@ -141,8 +139,7 @@ def fit_within_tasks(
         of_group = stated.select(rows, (demonstrations.ids[m] for m in rows))
         n_pairs += len(of_group.answers.compared)
         if len(rows) > 1 or stated.reference is not None:
-            audit, fitted = _fit_group(demonstrations.select(rows), of_group, options, keeps_policy)
-            audits[group] = with_fewer_traces(audit, -(-MAX_DRAWN * len(rows) // len(demonstrations)))
+            audits[group], fitted = _fit_group(demonstrations.select(rows), of_group, options, keeps_policy)
             fits.append(fitted)
     if n := len(stated.answers.compared) - n_pairs:
         pairs, are = (f"{n} pairs compare", "are") if n > 1 else ("1 pair compares", "is")

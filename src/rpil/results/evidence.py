@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Hashable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -120,12 +120,6 @@ def worth_a_look(audit: Audit, size: int = MAX_DRAWN) -> Int[Array, " K"]:
     """Up to `size` demonstrations, the first in the order of looking; in the order of the data where these are all."""
     order = np.array(looking_order(audit)[0], dtype=np.int64)
     return np.sort(order) if len(order) <= size else order[:size]
-
-
-def with_fewer_traces(audit: Audit, size: int) -> Audit:
-    """The audit with the traces of up to `size` demonstrations, those most worth a look."""
-    chosen = [audit.ids[m] for m in worth_a_look(audit, size).tolist()]
-    return replace(audit, traces={name: audit.traces[name] for name in chosen if name in audit.traces})
 
 
 def evidence_by_part(nats: Float[Array, " J"]) -> tuple[tuple[int, float], ...]:

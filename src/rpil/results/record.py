@@ -102,7 +102,7 @@ class Audit(AuditResult):
         1 in steps in which a person had taken over, -1 in those just before, else 0 (`rpil.results.step_weights`); None
         where no column says it.
     traces : dict of id to Traces
-        The parts of the action with most of the evidence, of up to 300 demonstrations that are most worth a look
+        The parts of the action with most of the evidence, of up to 300 demonstrations (of each task) most worth a look
         (`rpil.results.judged`); as `sessions`.
     settings : AuditSettings
         Those by which verdicts and weights were given.
