@@ -114,8 +114,7 @@ def test_few_demonstrations_are_said_to_be_few(both, n, is_few):
 
 def test_a_label_alone_changes_nothing_about_other_tasks(both):
     recording = rpil.open(both, only="0-10,100")
-    with pytest.warns(UserWarning, match="'right' has 1 demonstrations, too few"):
-        without, labelled = rpil_of(recording).audit_, rpil_of(recording, labels={100: "bad"}).audit_
+    without, labelled = rpil_of(recording).audit_, rpil_of(recording, labels={100: "bad"}).audit_
     assert labelled.verdicts == (*without.verdicts[:-1], "bad")
     np.testing.assert_array_equal(labelled.log_odds[:-1], without.log_odds[:-1])
     assert labelled.step_weight[labelled.steps(11)].max() < 0.1

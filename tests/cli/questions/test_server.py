@@ -50,7 +50,8 @@ def test_the_state_is_the_view_and_the_question(client, review, audit):
     assert state["asked"]["sentence"].startswith("Which is better: ")
     assert (state["version"], state["n_answers"], state["can_undo"]) == (0, 0, False)
     status, headers, content = client.ask("GET", "/")
-    assert (status, content) == (200, b"<!DOCTYPE html><p>0 Review of d.parquet")
+    assert status == 200
+    assert b"Review of d.parquet" in content
     assert headers["content-type"].startswith("text/html")
 
 
