@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from sklearn.base import clone
-from sklearn.linear_model import LinearRegression
 
 from problems import make_continuous, refused
 from rpil.data.demonstrations import Demonstrations
@@ -51,14 +50,6 @@ def test_predictions_lie_in_the_box(estimator, n_parts):
     for method in ("predict_proba", "predict_log_proba"):
         with refused("The actions are continuous"):
             getattr(model, method)(toy.observations)
-
-
-def test_behavioral_cloning_without_outliers_is_least_squares():
-    toy = make_continuous("none", 0, n_good=30, n_bad=0, steps=(100, 100))
-    ours = BehavioralCloning().fit(toy.observations, toy.actions)
-    theirs = LinearRegression().fit(toy.observations, toy.actions)
-    np.testing.assert_allclose(ours.coef_, theirs.coef_, atol=0.01)
-    np.testing.assert_allclose(ours.intercept_, theirs.intercept_, atol=0.01)
 
 
 def test_one_dimensional_float_actions():

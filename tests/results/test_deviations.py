@@ -35,7 +35,7 @@ def test_most_frequent_action_that_the_trusted_mostly_do_not_take_is_named() -> 
     actions[50:54] = 2
     proba = np.where(actions == 2, 0.1, 0.8)
     phrases = deviations(AUDIT, compared(actions, proba=proba), np.array(["left", "none", "right"]))
-    assert phrases == ("", "it takes action right, as others mostly do not (4 of its 6 worst steps)")
+    assert phrases == ("", "it takes action right where others mostly take another (4 of its 6 worst steps)")
     assert replace(AUDIT, deviations=phrases).reasons[1].endswith(f": {phrases[1]}.")
 
 

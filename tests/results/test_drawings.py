@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 
 import numpy as np
-import pytest
 
 from audits import make_audit
 from rpil.results.judged import TracedPart, Traces
@@ -25,11 +24,6 @@ def test_packed_curves_share_a_scale_and_keep_what_is_missing():
     np.testing.assert_allclose(unpacked(curves, "one"), one, atol=level / 2 + 1e-9)
     np.testing.assert_allclose(unpacked(curves, "other"), [-10.0, 2.5, np.nan, 1.0], atol=level / 2 + 1e-9)
     assert (curves["from"], curves["to"]) == (-10.0, 10.0)
-
-
-@pytest.mark.parametrize("values", [np.full(3, 4.0), np.full(3, np.nan)])
-def test_a_curve_that_is_flat_or_not_known_is_packed(values):
-    np.testing.assert_array_equal(unpacked(packed({"one": values}), "one"), values)
 
 
 def test_drawing_has_the_steps_of_its_demonstration():

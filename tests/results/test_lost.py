@@ -82,14 +82,6 @@ def test_nothing_is_said_where_nothing_is_left_out_or_too_few_are_kept():
     assert lost_places(demonstrations, []) == ()
 
 
-def test_ids_are_compared_as_text_and_many_are_cut_short():
-    rng = np.random.default_rng(9)
-    starts = np.vstack([usual_starts(30, rng), np.array([[0.0, 9.0]]) + 0.1 * rng.normal(size=(8, 2))])
-    (found,) = lost_places(reaches(starts, rng), [str(m) for m in range(30)])
-    assert found.startswith("No kept demonstration starts with obs.3 above 0.")
-    assert found.endswith("; 30, 31, 32, 33, 34 and 3 more do.")
-
-
 @pytest.mark.parametrize(
     ("scale", "offset", "kind"), [(1, 0, np.float64), (10, 1234.4, np.float32), (0.1, 5e6, np.float64)]
 )

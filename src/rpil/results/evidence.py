@@ -203,7 +203,8 @@ def _other_action(taken: Array, proba: Float[Array, " R"]) -> str:
     if not found or found[0][1] < MIN_SHARE * len(taken):
         return ""
     own, count = found[0]
-    return f"it takes action {printable(own)}, as others mostly do not ({count} of its {len(taken)} worst steps)"
+    share = f"{count} of its {len(taken)} worst steps"
+    return f"it takes action {printable(own)} where others mostly take another ({share})"
 
 
 def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, " R"], never: Bool[Array, " J"]) -> str:

@@ -93,17 +93,6 @@ def test_undo_goes_back_to_the_first_question(audit):
     assert session.version == 4
 
 
-def test_another_answer_about_the_same_demonstrations_replaces_the_first(audit):
-    session = Session(audit, "labels.csv", None, None)
-    for question, key in (((1,), "g"), ((4, 3), "5"), ((3, 4), "1"), ((1,), "b"), ((3, 4), "2"), ((3, 1), "1")):
-        session.answer(question, key)
-    assert rows() == ["id,label", "1,bad", "4,better than 3", "3,better than 1"]
-    assert session.audit.labelled == (1,)
-    session.undo()
-    session.undo()
-    assert rows() == ["id,label", "3,better than 4", "1,bad"]
-
-
 @pytest.mark.parametrize("name", ["labels.csv", "excel.csv", "labels.json"])
 def test_a_label_replaces_that_of_an_earlier_run(audit, name):
     before = {
