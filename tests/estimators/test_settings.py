@@ -19,13 +19,12 @@ from rpil.policies.settings import CrossFitSettings, SelectionSettings
 from rpil.scale.settings import AscentSettings
 
 
-def test_feature_settings_reach_the_maps_of_the_judge_and_of_the_policy():
+def test_feature_settings_reach_the_map_of_the_policy():
     maps = FeatureSettings(n_landmarks=5, ridge_per_step=1e-3)
     settings = Settings(selection=SelectionSettings(maps=maps))
     model = RPIL("nystroem", settings=settings).fit(make("noisy", 0).demonstrations)
-    for features in (model.features_, model.judge_features_):
-        assert len(features.landmarks) == 5
-        assert features.ridge_per_step == 1e-3
+    assert len(model.features_.landmarks) == 5
+    assert model.features_.ridge_per_step == 1e-3
 
 
 def test_error_settings_reach_the_scores_of_continuous_actions():
