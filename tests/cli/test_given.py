@@ -142,22 +142,6 @@ def test_every_command_reads_the_demonstrations_that_are_asked_for(data):
         refused("no demonstration is called '77'", command[0], data, *command[1:], "--only", "77")
 
 
-def test_answers_about_demonstrations_that_are_left_out_do_not_count(data):
-    Path("labels.csv").write_text("id,label\n1,good\n3,bad\n2,better than 5\n8,bad\n")
-    Path("who.json").write_text(json.dumps({str(m): "Ann" for m in range(24)}))
-    said = audited(data, "--labels", "labels.csv", "--operator", "who.json", "--without", "3,5")
-    assert "3" not in {str(one["id"]) for one in said["demonstrations"]}
-    refused("no demonstration is called '99'", "audit", data, "--labels", wrong_labels(), "--without", "3")
-    ok("audit", data, "--verdicts", "all.csv", "-q", "--observations", "x,v")
-    ok("keep", data, "--verdicts", "all.csv", "--only", "1,3,0", "-o", "k.parquet", "-q", "--share", "1")
-    assert formats.read("k.parquet").ids == (0, 1, 3)
-
-
-def wrong_labels():
-    Path("wrong.csv").write_text("id,label\n99,good\n")
-    return "wrong.csv"
-
-
 LINE = "Set aside: 4, 20, because a value is missing or infinite."
 
 

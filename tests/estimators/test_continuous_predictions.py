@@ -62,10 +62,3 @@ def test_one_dimensional_float_actions():
     # scikit-learn's own checks want one-dimensional floats refused: they look like a regression
     with refused("continuous", ValueError):
         RPIL().fit(toy.observations, toy.actions[:, 0], groups=toy.groups)
-
-
-def test_declared_action_box_is_kept():
-    toy = make_continuous("random", 0)
-    model = RPIL(action_box=([-50, -40], 60)).fit(toy.demonstrations)
-    np.testing.assert_array_equal(model.space_.low, [-50, -40])
-    np.testing.assert_array_equal(model.space_.high, [60, 60])

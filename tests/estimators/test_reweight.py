@@ -106,18 +106,6 @@ def test_log_prob_is_held_out():
         assert not asked[weights] & taught[weights]
 
 
-def test_minus_infinite_log_prob_lowers_log_odds():
-    """A policy may be certain, and wrong."""
-
-    def certain(policy, observations, actions):
-        found = log_prob(policy, observations, actions)
-        return np.where(found < np.log(0.2), -np.inf, found)
-
-    found = reweight(Linear(), TOY.demonstrations, log_prob=certain, train=train, n_folds=1)
-    assert np.isfinite(found.audit.log_odds).all()
-    assert roc_auc_score(TOY.is_good, found.audit.log_odds) == 1.0
-
-
 def nan_after_training(policy, observations, actions):
     found = log_prob(policy, observations, actions)
     found[3] = np.nan if policy.trained else found[3]

@@ -136,28 +136,6 @@ def test_the_worse_one_of_a_pair_is_named_and_rejected_after_a_second_answer_tha
     assert copied.choice.rejected == {"answers": (1, 2)}
 
 
-def with_flags(outcome, **changes):
-    known = replace(Answers.none(4), outcome=np.array(outcome), failure="success = 0")
-    return make_audit(("open",) * 4, answers=known, **changes)
-
-
-def test_an_outcome_of_zero_rejects_and_is_named():
-    audit = with_flags([0.0, 1.0, 0.0, np.nan], labels={2: 1})
-    assert audit.choice.rejected == {"outcome": (0,)}, "a label says more of its demonstration"
-    assert audit.choice.lines() == ["Rejected: 1 by success = 0.", "  by success = 0: 0"]
-    assert audit.said == ("success = 0", "", "", "")
-    assert choose(audit.table(), Asked(ignored={"outcome"})).kept == (0, 1, 2, 3)
-    assert choose(audit.table(), Asked(spared={"0"})).kept == (0, 1, 2, 3)
-    assert choose(audit.table(), Asked(share=1.0)).kept == (1, 2, 3)
-    both = with_flags([0.0, 1.0, 0.0, np.nan], labels={0: -1})
-    assert both.choice.rejected == {"labels": (0,), "outcome": (2,)}
-    assert choose(both.table(), Asked(ignored={"labels"})).rejected == {"outcome": (0, 2)}
-    numbers = with_flags([0.0, 1.0, 0.0, 2.0])
-    assert numbers.choice.rejected == {}, "no flag"
-    copies = with_flags([0.0, 1.0, np.nan, np.nan], copy_of=np.array([0, 1, 0, 1]))
-    assert copies.choice.rejected == {"outcome": (0, 2)}
-
-
 @pytest.mark.parametrize("extension", [".csv", ".parquet", ".json"])
 def test_the_file_of_an_audit_says_the_same_as_the_audit(tmp_path, extension):
     ids = ["a\nb", 'say "x"', "é", "01", "=1", " a", "a ", "\x85", "+5", "\u2028,"]

@@ -10,7 +10,7 @@ from rpil.estimators.within_tasks import split_by_task
 from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
 from rpil.results.judged import ALONE
-from rpil.results.record import Demonstrator, Interval
+from rpil.results.record import Interval
 from rpil.results.tasks import join_audits, with_labels_alone
 
 IDS = (0, "a", 1, "b", "c")
@@ -92,14 +92,6 @@ def test_the_finding_that_says_most_and_an_anchor_that_all_share():
     assert (audit.finding, audit.anchor) == ("a group apart", "none")
     assert joined({"anchor": "answers"}, {"anchor": "answers"}).anchor == "answers"
     assert joined({"anchor": "answers"}, {}).anchor == "none"
-
-
-def test_demonstrators_doubts_and_contradictions_of_all_tasks():
-    who = [Demonstrator(name, None, (first,)) for name, first in (("Ann", 0), ("Bob", "b"))]
-    one = {"demonstrators": (who[0],), "doubts": ("Few.", "Slow."), "contradicting": (1,), "adversary": "fitted"}
-    audit = joined(one, {"demonstrators": (who[1],), "doubts": ("Few.", "Late."), "contradicting": ("a",)})
-    assert audit.demonstrators == tuple(who)
-    assert (audit.doubts, audit.contradicting, audit.adversary) == (("Few.", "Slow.", "Late."), (1, "a"), "fitted")
 
 
 def test_the_prior_is_the_mean_over_demonstrations():

@@ -79,20 +79,6 @@ def test_every_answer_is_learned_from_and_written_at_once(audit):
     assert session.question == answered.suggest_labels(1)
 
 
-def test_undo_goes_back_to_the_first_question(audit):
-    session = Session(audit, "labels.csv", None, None)
-    assert session.undo() == []
-    assert session.version == 0
-    session.answer((1,), "g")
-    session.answer((4,), "u")
-    assert session.undo() == []
-    assert rows() == ["id,label", "1,good"]
-    assert session.undo()
-    assert not Path("labels.csv").exists()
-    assert (session.question, session.audit.verdicts, session.given) == (audit.pair, audit.verdicts, ())
-    assert session.version == 4
-
-
 @pytest.mark.parametrize("name", ["labels.csv", "excel.csv", "labels.json"])
 def test_a_label_replaces_that_of_an_earlier_run(audit, name):
     before = {

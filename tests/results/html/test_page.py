@@ -14,17 +14,12 @@ from markupsafe import Markup
 
 from audits import make_audit
 from html_page import Page
-from rpil.faults.report import FaultReport
-from rpil.faults.rule import Fault
 from rpil.inference.settings import AnswerSettings, JudgeSettings
-from rpil.results.answering import NEXT_STEPS
 from rpil.results.html.page import render_page
-from rpil.results.overview import headline
 from rpil.results.provenance import Provenance
-from rpil.results.record import Audit, Demonstrator, Interval
+from rpil.results.record import Audit
 from rpil.results.settings import AuditSettings
 from rpil.results.view import About, View, make_view
-from rpil.results.vocabulary import VOCABULARIES
 
 ADDRESSES = (
     "https://github.com/leeoniya/uPlot",
@@ -53,16 +48,6 @@ def audit() -> Audit:
 @pytest.fixture(scope="module")
 def page(audit: Audit) -> Page:
     return Page(render(audit))
-
-
-def test_page_begins_with_the_finding_and_the_next_step(page: Page) -> None:
-    assert f"An audit {headline(make_audit())} 10 demonstrations:" in page.text
-    assert "10 demonstrations: 6 open , 4 outliers ." in page.text
-    assert f"Next: {NEXT_STEPS['outliers']}" in page.text
-    assert "Share like the rest 55 % 95 % interval 31 % to 77 %" in page.text
-    assert "Compared with uniform" in page.text
-    assert VOCABULARIES["none"].explanation in page.text
-    assert "need JavaScript" in page.text
 
 
 @pytest.mark.parametrize(
@@ -100,30 +85,6 @@ def test_every_link_and_label_has_a_target(audit: Audit) -> None:
     used = [attributes["href"][1:] for _, attributes in one.tags if "href" in attributes]
     used += [attributes["aria-labelledby"] for _, attributes in one.tags if "aria-labelledby" in attributes]
     assert set(used) <= set(ids)
-
-
-def test_faults_are_a_line_a_kind() -> None:
-    findings = tuple(
-        Fault(rule, m, 0, 1, "x", 1.0, 0.5, 1.0, "a leap") for m, rule in enumerate(["jump", "lag", "jump", "jump"])
-    )
-    report = FaultReport(findings, {"sign": "too few", "scale": "too few"}, {}, {}, {}, 10, 99)
-    page = Page(render(make_audit(), faults=report))
-    assert [button["data-rule"] for button in page.all("button") if "data-rule" in button] == ["jump", "lag"]
-    assert [button["data-choose"] for button in page.all("button") if "data-choose" in button] == ["0", "1", "2", "3"]
-    assert "4 demonstrations to look at first" in page.text
-    assert page.text.count("too few") == 1
-    nothing = FaultReport((), {"sign": "too few"}, {}, {}, {}, 10, 99)
-    assert "Odd in the recording Nothing found." in Page(render(make_audit(), faults=nothing)).text
-    assert "Odd in the recording" not in Page(render(make_audit())).text
-
-
-def test_lost_places_demonstrators_and_provenance_are_told() -> None:
-    who = Demonstrator("ann", Interval(0.8, 0.5, 0.9), (0, 1, 9))
-    made = Provenance("0.2.0", "rpil audit x", 7, {"judge.seeds": [1, 2]}, ())
-    text = Page(render(make_audit(demonstrators=(who,), provenance=made), lost=("12 starts alone.",))).text
-    assert "What is lost without them 12 starts alone." in text
-    assert "ann 80 % (50–90) 3 2 1" in text
-    assert "rpil 0.2.0 command rpil audit x seed 7 settings judge.seeds 1; 2" in text
 
 
 def test_text_from_the_data_is_never_html() -> None:
