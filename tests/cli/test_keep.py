@@ -68,7 +68,7 @@ def test_keep_by_labels_keeps_what_has_no_label(folder):
         "  by your labels: 4",
     ]
     assert rpil.read("kept.parquet").ids == tuple(m for m in range(12) if m != 4)
-    left = "no demonstration is left by the verdicts of labels.csv; change labels"
+    left = "no demonstration is left by the verdicts of labels.csv; choose with --share, or change labels"
     refused(left, *call, "none.parquet", "--only", "4")
 
 

@@ -227,3 +227,24 @@ def test_a_list_to_keep_that_is_none_is_refused(tmp_path):
         path.write_text(json.dumps({"episodes": episodes, "rejected": rejected}))
         with pytest.raises(DataError, match=r"keep\.json"):
             read_verdicts(path, [1])
+
+
+@pytest.mark.parametrize(
+    ("asked", "ids"),
+    [
+        ({}, "acde"),
+        ({"share": 0.8}, "acde"),
+        ({"share": 0.6}, "acd"),
+        ({"share": 0.01}, "a"),
+        ({"share": 1}, "abcde"),
+        ({"at_least": 0.6}, "acde"),
+        ({"at_least": 0.991}, ""),
+        ({"ignored": {"answers"}}, "abcde"),
+        ({"faulty": {"a", "b"}}, "cde"),
+        ({"share": 0.6, "faulty": {"a"}}, "cd"),
+    ],
+)
+def test_choice(asked, ids):
+    choice = choose(TABLE, Asked(**asked))
+    assert list(choice.kept) == [*ids]
+    assert sorted([*choice.kept, *itertools.chain(*choice.rejected.values())]) == TABLE["id"], "each is named once"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 
 import numpy as np
+import pytest
 
 from audits import make_audit
 from rpil.results.judged import TracedPart, Traces
@@ -60,3 +61,8 @@ def test_of_very_many_discrete_actions_the_most_frequent_are_named():
     shown = [taken["names"][code] if code < NO_VALUE else None for code in codes]
     assert all(name in (None, action) for name, action in zip(shown, actions, strict=True))
     assert None not in shown[100:200]
+
+
+@pytest.mark.parametrize("values", [np.full(3, 4.0), np.full(3, np.nan)])
+def test_a_curve_that_is_flat_or_not_known_is_packed(values):
+    np.testing.assert_array_equal(unpacked(packed({"one": values}), "one"), values)

@@ -99,3 +99,11 @@ def test_no_kept_one_is_beyond_the_bound_and_each_that_is_named_is(scale, offset
         sign = 1 if side == "above" else -1
         assert all(sign * value <= sign * float(bound) for value in first[:40])
         assert all(sign * first[int(name)] > sign * float(bound) for name in who.split(" and "))
+
+
+def test_ids_are_compared_as_text_and_many_are_cut_short():
+    rng = np.random.default_rng(9)
+    starts = np.vstack([usual_starts(30, rng), np.array([[0.0, 9.0]]) + 0.1 * rng.normal(size=(8, 2))])
+    (found,) = lost_places(reaches(starts, rng), [str(m) for m in range(30)])
+    assert found.startswith("No kept demonstration starts with obs.3 above 0.")
+    assert found.endswith("; 30, 31, 32, 33, 34 and 3 more do.")

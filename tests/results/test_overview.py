@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html import escape
 
 import numpy as np
 import pytest
 
 from audits import make_audit
+from rpil.inference.findings import FINDINGS
 from rpil.results.overview import (
     MAX_NAMED_FIRST,
     first_sentence,
@@ -90,3 +92,17 @@ def test_the_finding_in_a_sentence():
     answered = make_audit(("good", "bad", "open", "outlier"), anchor="answers", finding="answered")
     assert headline(answered) == "By your answers: 1 good, 1 open, 1 bad (1)."
     assert headline(answered, most=0) == "By your answers: 1 good, 1 open, 1 bad."
+
+
+def test_groups_and_nothing_in_a_sentence():
+    groups = {"competing": ((0, 1, 2), (3, 4)), "identifiable": False}
+    apart = ranked(5, finding="a group apart", **groups)
+    rest = "; without an answer nobody can say if they are worse."
+    assert headline(apart) == f"2 of 5 act alike, and differ from the rest (3, 4){rest}"
+    assert headline(apart, most=0) == f"2 of 5 act alike, and differ from the rest{rest}"
+    assert headline(replace(apart, competing=())) == FINDINGS["a group apart"]
+    two = ranked(5, finding="two groups", **groups)
+    assert headline(two) == "Two groups act differently: 3 and 2; without an answer nobody can say which is good."
+    assert headline(ranked(2, finding="no outliers")) == "Nobody differs clearly."
+    nothing = headline(ranked(2, finding="nothing could be learned"))
+    assert nothing.startswith("Nothing could be learned: the observations do not help to predict the actions")

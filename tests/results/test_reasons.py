@@ -112,3 +112,8 @@ def test_competing_groups_wait_for_a_label(finding: str) -> None:
     audit = make_audit(("open",) * 3, lengths=[20, 20, 20], step_log_ratio=np.ones(60), **groups)
     acts = [f"Acts as group {letter} does; only an answer can tell which is good." for letter in "AB"]
     assert audit.reasons == (*acts, "In neither group.")
+
+
+def test_a_named_adversary_is_named_in_reasons() -> None:
+    audit = make_audit(("expert", "adversary"), anchor="named adversary", finding="mixture", **NO_STRETCH)
+    assert audit.reasons == ("Acts like the expert.", "Acts like the adversary.")

@@ -107,3 +107,8 @@ def test_groups_and_demonstrators():
     assert found["demonstrators"][0]["style"].endswith(" of the median length")
     without = replace(who, trust=None)
     assert view(make_audit(ids=ids, demonstrators=(without,)))["demonstrators"][0]["mean"] is None
+
+
+def test_infinite_log_odds_are_numbers():
+    audit = make_audit(("open", "outlier"), log_odds=np.array([np.inf, -np.inf]))
+    assert view(audit)["demonstrations"]["log_odds"] == [1e9, -1e9]

@@ -32,7 +32,7 @@ from rpil.data.text import counted
 
 if TYPE_CHECKING:
     from rpil.formats.recording import Recording
-    from rpil.results.choice import Choice, Table
+    from rpil.results.choice import Table
 
 
 @click.command()
@@ -86,7 +86,9 @@ def keep(
         from rpil.results.lost import lost_places
 
         choice = choose(table, asked)
-        _check_left(choice, file, verdicts, table)
+        if not choice.kept:
+            judged_by = f"the verdicts of {verdicts}" if verdicts else "the audit"
+            raise DataError(f"{file}: no demonstration is left by {judged_by}; choose with --share, or change labels.")
         lost = () if given.quiet else lost_places(read.demonstrations, choice.kept)
         progress(f"writing {output}")
         read.keep(choice.kept, output)
@@ -100,15 +102,6 @@ def keep(
         lines = source.commands_to_keep(read.ids, choice.kept, output)
         more = ["These ids are kept; rpil convert with --only IDS writes a table of them."]
         print_lines([*look_at, *lost, *lines, *(more if source.is_list(output) and not lines else ())])
-
-
-def _check_left(choice: Choice, file: str, verdicts: str | None, table: Table) -> None:
-    """A `DataError` where nothing is left to keep."""
-    if not choice.kept:
-        source = f"the verdicts of {verdicts}" if verdicts else "the audit"
-        is_graded = "log_odds" in table and {*table.get("label", [""])} != {"bad"}  # which no share keeps
-        ways = ["choose with --share"] * is_graded + ["change labels"]
-        raise DataError(f"{file}: no demonstration is left by {source}; {', or '.join(ways)}.")
 
 
 def _verdicts_on(read: Recording, path: str) -> tuple[Table, set[str]]:

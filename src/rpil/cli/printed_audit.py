@@ -17,15 +17,11 @@ if TYPE_CHECKING:
     from rpil.formats.description import Description
     from rpil.results.record import Audit
 
-MAX_LINES = 25
-MIN_ROWS, MAX_ROWS = 2, 8
+MAX_LINES, MIN_ROWS, MAX_ROWS = 25, 2, 8
 """Lines of an audit, and rows of its table, unless all are asked for."""
 
-N_NAMED = 3
-"""Operators that are named, and demonstrations to label next."""
-
-N_FOUND = 12
-"""Demonstrations that the finding names, and members of a group."""
+N_NAMED, N_FOUND = 3, 12
+"""Operators that are named, and demonstrations to label next; those that the finding names, and members of a group."""
 
 SIDE_COLOURS = {"upper": "green", "open": "yellow", "lower": "red"}
 
@@ -44,8 +40,8 @@ def print_audit(
     width, odd = line_width(), [] if faults is None else odd_lines(faults)
     faulty = () if faults is None else tuple(found.id for found in faults.findings)
     above = [*fit(first_sentence(audit, faulty, short_id), width, 2), *head, *finding_lines(audit), *odd, ""]
-    more = "" if all_rows or len(audit.ids) <= MIN_ROWS else " All: --all."
-    counts, notes = fit(f"{verdict_sentence(audit)}{more}", width), [*_notes(audit, all_rows, width)]
+    counts = fit(f"{verdict_sentence(audit)}{'' if all_rows else ' All: --all.'}", width)
+    notes = [*_notes(audit, all_rows, width)]
     room = MAX_LINES - len([*above, *counts, *closing]) - 1
     below = [*counts, *(notes if all_rows else notes[: max(room - MIN_ROWS, 0)]), *closing]
     room = MAX_LINES - len([*above, *below]) - 1
@@ -109,9 +105,9 @@ def _columns(audit: Audit, shown: Sequence[int], all_rows: bool) -> dict[str, li
         "where": [where for where, _ in glances],
         "why": [printable(audit.reasons[m]) if all_rows else why for m, (_, why) in zip(shown, glances, strict=True)],
     }
-    fixed = ("id", "place", "verdict", "score") if all_rows else ("id", "verdict" if is_decided else "place", "score")
-    others = [name for name in ((proba, "why") if all_rows else ("where", "why")) if len({*columns[name]}) > 1]
-    return {name: columns[name] for name in (*fixed, *others)}
+    left_out = {"where"} if all_rows else {proba, "place" if is_decided else "verdict"}
+    left_out |= {name for name in (proba, "where", "why") if len({*columns[name]}) < 2}
+    return {name: own for name, own in columns.items() if name not in left_out}
 
 
 def short_id(name: Hashable, most: int = 28) -> str:

@@ -17,7 +17,7 @@ from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import linear
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
-from rpil.results.evidence import StepEvidence, members_of_rest, traces, worth_a_look
+from rpil.results.evidence import StepEvidence, traces, worth_a_look
 from rpil.results.judged import Traces
 from rpil.results.record import Audit
 from rpil.results.step_weights import weights_of
@@ -122,7 +122,7 @@ class SampledFit(FullFit):
             expected = ratio.step_ratios(data.features, data.actions, settings)[0]
         else:
             expected = ratio.scaling.back(linear(data.features, ratio.weights))
-        evidence = StepEvidence.of(data, read, expected, members_of_rest(sample.judgement, read), settings)
+        evidence = StepEvidence.of(data, read, expected, ~sample.judgement.claims.lower[read], settings)
         return traces(audit, evidence, drawn)
 
 

@@ -96,11 +96,6 @@ class StepEvidence:
         return cls(data, members, value, low, high, log_ratio - usual)
 
 
-def members_of_rest(judgement: Judgement, members: Int[Array, " K"]) -> Bool[Array, " K"]:
-    """Which of the `members` are of the rest: all but those that differ, by the claims of the judge."""
-    return np.asarray(~judgement.claims.lower[members])
-
-
 def by_held_out_policies(
     judgement: Judgement, data: FitData, copies: Copies | None, settings: HeldOutSettings
 ) -> StepEvidence:
@@ -113,7 +108,7 @@ def by_held_out_policies(
         assert isinstance(model, HeldOutRidge)
         ridge = fit.ridge or choose_ridge(data, model, group)  # the user's policy has none
         expected = ActionScale.of(data).back(model.actions - model.errors(data.per_step(group.astype(float)), ridge))
-    return StepEvidence.of(data, members, expected, members_of_rest(judgement, members), settings)
+    return StepEvidence.of(data, members, expected, ~judgement.claims.lower[members], settings)
 
 
 def worth_a_look(audit: Audit, size: int = MAX_DRAWN) -> Int[Array, " K"]:
