@@ -129,6 +129,7 @@ def test_a_demonstration_that_is_alone_has_the_word_of_its_label_and_as_certain_
     assert audit.step_weight[8:] == pytest.approx([1.0 if not sign else audit.expert_proba[4]] * 2)
     assert (audit.verdicts[4], audit.reasons[4]) == ((label, f"Labelled {label}.") if sign else ("open", ALONE))
     assert audit.answers.labels.tolist() == [1, 0, 0, 0, sign]
+    assert audit.rejected_by[4] == ("labels" if sign < 0 else "")
     for name in ("log_odds", "from_label", "expert_proba", "verdicts", "reasons"):  # those of tasks stay
         assert list(getattr(audit, name)[:4]) == list(getattr(before, name)[:4])
     np.testing.assert_array_equal(audit.step_weight[:8], before.step_weight[:8])
