@@ -14,7 +14,7 @@ from pathlib import Path
 
 from options import asked, at_least, make_folder, output, write_json
 from provenance import line, provenance
-from rpil.cli.progress import show_stages
+from rpil.cli.terminal import show_stages
 from rpil.numerics.parallel import cores
 from study.experiments import ENVIRONMENTS, METHODS
 from study.figures import draw

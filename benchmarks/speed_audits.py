@@ -25,6 +25,7 @@ import rpil
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.rpil import RPIL
 from rpil.formats.dataset import Dataset
+from rpil.policies.features import FeatureMap, FeatureSettings
 from speed_common import Measured, Skipped, wide_regression
 
 N_FOLDS = 5
@@ -42,7 +43,9 @@ def default_fit(letter: str, path: Path | None, repeats: int) -> Measured | Skip
         for _ in range(repeats):
             taken, model = cpu_seconds(lambda: RPIL().fit(opened(path)))
             ours.append(taken)
-            design = model.judge_features_.design(data.observations)[:, :-1]
+            seen = data.observations
+            features = FeatureMap.fit("folded", seen, offsets=data.offsets, settings=FeatureSettings())
+            design = features.design(seen)[:, :-1]
             theirs.append(cpu_seconds(lambda design=design: cross_fit(design, data))[0])
     seconds = {"ours": statistics.median(ours), "cross_fit": statistics.median(theirs)}
     values = {letter: seconds["ours"], f"{letter}_ratio": seconds["ours"] / seconds["cross_fit"]}

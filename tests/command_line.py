@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from click.testing import CliRunner
 
-from rpil.cli import progress
+from rpil.cli import terminal
 from rpil.cli.main import main
 from small import FAST
 
-progress.FIRST = 1e3  # no lines about progress, however long a command takes
+terminal.FIRST = 1e3  # no lines about progress, however long a command takes
 ENV = "MountainCar-v0"
 _RNG = np.random.default_rng(0)
 X, Y, G = _RNG.normal(size=(60, 2)), _RNG.integers(0, 2, 60), np.repeat(np.arange(6), 10)

@@ -73,7 +73,7 @@ class Client:
         return self.post("/api/answer", version=version, key=key, demonstrations=list(demonstrations))
 
 
-def review_of(audit, labels="labels.csv", videos=None, finish=None, page=None, data=None):
+def review_of(audit, labels="labels.csv", videos=None, finish=None, data=None):
     """What a server shows of an audit, without answers from before."""
     n = len(audit.step_weight)
     return Review(
@@ -82,7 +82,6 @@ def review_of(audit, labels="labels.csv", videos=None, finish=None, page=None, d
         videos=videos or EpisodeVideos.of("d.parquet", audit.ids, 10.0),
         data=data or Demonstrations(np.zeros((n, 1)), np.zeros(n), audit.offsets, ids=audit.ids),
         finish=finish or (lambda given: {"kept": len(audit.ids), "rejected": {}, "reason": ""}),
-        page=page or (lambda state, view: f"<!DOCTYPE html><p>{state['version']} {view['title']}"),
     )
 
 

@@ -176,7 +176,6 @@ WITHOUT_TESTS = {
     "scale/ascent.py": "tests/estimators/test_passes.py",
     "policies/linear.py": "a table of two lines",
     "results/judged.py": "tests/results/test_columns.py",
-    "results/soundness.py": "tests/results/test_columns.py",
     "estimators/task.py": "what RPIL, RMEnt and reweight read; each of them is tested",
     "data/arrays.py": "tests/data/test_demonstrations.py",
     "formats/csv.py": "every format passes tests/data/test_formats.py",

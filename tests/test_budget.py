@@ -19,17 +19,17 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (2836, 26),
+    "cli": (2617, 24),
     "data": (3073, 35),
-    "estimators": (2329, 19),
+    "estimators": (2192, 19),
     "faults": (2254, 79),
     "formats": (6935, 73),
-    "inference": (2122, 85),
+    "inference": (2103, 85),
     "mixture": (797, 20),
     "numerics": (551, 14),
     "policies": (1344, 49),
-    "results": (3192, 56),
-    "scale": (683, 21),
+    "results": (3047, 56),
+    "scale": (681, 21),
     "simulation": (428, 0),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""

@@ -6,7 +6,7 @@ import importlib
 import json
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from functools import reduce
 from itertools import chain
 from typing import Any
@@ -20,7 +20,7 @@ from audits import make_audit
 from command_line import ok
 from problems import make
 from rpil import RPIL, Demonstrations, formats, load, save
-from rpil.data.archive import CLASSES, stored
+from rpil.data.archive import CLASSES
 from rpil.data.errors import DataError
 from rpil.formats import registry
 from rpil.mixture.adversaries.named import ADVERSARIES
@@ -29,7 +29,6 @@ from rpil.numerics.types import Array, Float
 from rpil.results.html.page import render_page
 from rpil.results.judged import of_demonstration
 from rpil.results.record import Audit
-from rpil.results.soundness import check_sound
 from rpil.results.tasks import join_audits, select
 from rpil.results.view import About, make_view
 from rpil.scale.protocol import Engine, Shards
@@ -228,7 +227,6 @@ def test_engine_recipe():
     np.testing.assert_allclose(there.coef_, here.coef_, rtol=1e-6, atol=1e-9)
 
 
-@stored()
 @dataclass(frozen=True, eq=False, repr=False)
 class Surprised(Audit):
     surprise: Float[Array, " M"] = field(kw_only=True, metadata=of_demonstration(shown="surprise"))
@@ -247,8 +245,6 @@ def test_audit_column_recipe():
     assert dict(zip(*(table[name].to_pylist() for name in ("id", "fact_surprise")), strict=True))[7] == 1.75
     assert {one["id"]: one["facts"]["surprise"] for one in audit.to_dict()["demonstrations"]}[7] == 1.75
     assert make_view(audit, About("Audit", "toy.csv"))["demonstrations"]["facts"]["surprise"][7] == 1.75
-    with pytest.raises(ValueError, match="out of range"):
-        check_sound(replace(audit, surprise=surprise[1:]))
 
 
 def test_report_section_recipe():

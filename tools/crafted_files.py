@@ -35,7 +35,7 @@ from click.testing import CliRunner, Result
 import asked
 import lerobot_folders
 import rpil
-from rpil.cli import progress
+from rpil.cli import terminal
 from rpil.cli.main import main as command
 from rpil.cli.questions.security import Gate
 from rpil.cli.questions.videos import EpisodeVideos
@@ -49,7 +49,7 @@ Found = str | None  # what differed
 
 def call(*words: str, **options: object) -> Result:
     """A command in this process, without lines about progress."""
-    progress.FIRST = 1e3
+    terminal.FIRST = 1e3
     return CliRunner().invoke(command, words, **options)
 
 

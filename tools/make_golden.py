@@ -66,11 +66,6 @@ def outputs_of(model: Any, rows: np.ndarray) -> dict[str, Any]:
     found = {"class": type(model).__name__, "predict": model.predict(rows).tolist()}
     if len(model.classes_):
         found["predict_proba"] = model.predict_proba(rows).tolist()
-    if isinstance(model, rpil.RPIL):
-        scores = model.score_demonstrations(rows, model.predict(rows), np.arange(len(rows)) // 4)
-        found["score_demonstrations"] = scores.tolist()
-        found["audit"] = model.audit_.to_dict()
-        found["step_weight"] = float(model.audit_.step_weight.sum())
     return found
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import rpil
 from asked import write
-from command_line import ENV, ok
+from command_line import ENV
 from rpil import RPIL, formats
 from small import FAST
 
@@ -22,7 +22,6 @@ def folder(tmp_path_factory):
         demonstrations = rpil.Demonstrations.from_episodes([made.episodes[m] for m in order], source=ENV)
         truth = {"is_good": made.is_good[order], "episode_return": made.returns[order]}
         formats.write(folder / f"{name}.parquet", demonstrations, truth)
-    ok("fit", str(folder / "good.parquet"), "-o", str(folder / "policy"))
     return folder
 
 

@@ -14,7 +14,6 @@ import pytest
 
 from command_line import ok
 from rpil import formats
-from rpil.estimators.persistence import load
 
 
 def printed_ranking(result):
@@ -79,13 +78,8 @@ def test_audit_does_not_choose_features(folder, monkeypatch):
         return found
 
     folded = printed("--features", "folded")
-    chosen = load(folder / "policy").audit_.to_dict()
     monkeypatch.setattr("rpil.estimators.final_policy.choose_features", never)
     assert printed() == folded
-    for rows in (folded["demonstrations"], chosen["demonstrations"]):
-        for row in rows:
-            del row["reason"]  # it may quote the final policy, which is of the chosen features
-    assert folded["demonstrations"] == chosen["demonstrations"]
 
 
 def test_audit_writes_a_report_and_weights(folder):
@@ -107,11 +101,6 @@ def test_audit_writes_a_report_and_weights(folder):
     assert "w.parquet: every step weighs the same" in unasked
 
 
-def proposed_labels_file(result):
-    """The labels file that is printed to be pasted."""
-    return [line[4:] for line in result.stdout.partition("Then run: ")[0].splitlines() if line.startswith("    ")]
-
-
 def test_answered_question_decides_between_two_groups(folder):
     file = folder / "shifted.parquet"
     result = ok("audit", file, "--seed", 2)
@@ -121,12 +110,11 @@ def test_answered_question_decides_between_two_groups(folder):
     assert sorted(sorted(map(int, group.split(", "))) for group in groups) == [[*range(6)], [*range(6, 12)]]
     first, second = map(int, re.search(r"Which is better: (\d+).*? or (\d+).*?\?", printed).groups())
     assert (first < 6) != (second < 6)
-    assert "are ranked; all are open." in result.stdout
+    assert "steps): 12 open." in result.stdout
     assert "\nThe two groups: " in result.stdout
     assert result.stderr == ""
     again = result.stdout.partition("Then run: ")[2]
     assert shlex.split(again) == ["rpil", "audit", str(file), "--seed", "2", "--labels", "labels.csv"]
-    assert proposed_labels_file(result) == ["id,label", f"{first},better than {second}"]
     better, worse = sorted((first, second))
     Path("labels.csv").write_text(f"id,label\n{better},good\n{worse},bad\n")
     result = ok(*shlex.split(again)[1:], "--format", "json")

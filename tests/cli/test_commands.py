@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -14,7 +13,7 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
-from command_line import G, X, Y, call, npz, refused
+from command_line import G, X, Y, npz, refused
 
 
 def table(name, **columns):
@@ -24,37 +23,6 @@ def table(name, **columns):
 
 def text(name, *lines):
     Path(name).write_text("\n".join(lines) + "\n")
-
-
-HEAD = "episode_index,action,observation.x"
-BAD_DATA = {
-    "missing.parquet": (lambda name: None, "there is no such file or folder; check the path"),
-    "folder.csv": (lambda name: Path(name).mkdir(), r"no .parquet or .csv file is there; check the path"),
-    "empty.npz": (lambda name: Path(name).touch(), "the file is empty; write it again"),
-    "cut.csv": (lambda name: text(name, HEAD, "0,1,2", "0,1"), "row 2: 2 values for 3 columns .* write it again"),
-    "nan.parquet": (
-        lambda name: table(name, **{"observation.x": np.where(np.arange(60) == 33, -np.inf, X[:, 1])}),
-        "demonstration 3, step 3: observation 'x' is -inf; repair",
-    ),
-    "none.csv": (lambda name: text(name, HEAD), "none.csv: it has no rows; write one for each step"),
-    "still.npz": (lambda name: npz(name, actions=Y * 0), "every action is 0, one class only; give"),
-    "single.npz": (lambda name: npz(name, episode_ids=G * 0), r"one demonstration alone \(1 .*; give at least two"),
-    "pickled.npz": (lambda name: npz(name, observations=X.astype(object)), "never unpickled .*; save plain arrays"),
-    "text.csv": (
-        lambda name: text(name, HEAD, "0,1,2", "5,1,far"),
-        r"demonstration 5, row 2: column 'observation.x' holds text \('far'\), not numbers; write numbers",
-    ),
-    "anonymous.csv": (lambda name: text(name, "episode_index,x", "0,1"), "no column holds the action: name it action"),
-}
-
-
-@pytest.mark.parametrize("name", BAD_DATA)
-def test_bad_demonstrations_are_refused(name):
-    make, match = BAD_DATA[name]
-    make(name)
-    Path("old.html").write_text("old")
-    for arguments in (["audit", "--report", "old.html", "--weights", "w.csv"], ["fit", "-o", "policy"]):
-        assert refused(match, arguments[0], name, *arguments[1:]).startswith(f"rpil: {name}")
 
 
 def test_bad_labels_and_demonstrators_are_refused():
@@ -71,22 +39,6 @@ def test_bad_labels_and_demonstrators_are_refused():
     ):
         refused(match, "audit", "data.npz", option, name, "--report", "r.html")
         refused(match, "fit", "data.npz", option, name, "-o", "policy")
-
-
-def test_of_a_long_label_the_beginning_is_quoted():
-    npz("data.npz")
-    for label in ("x y" * 30_000, [[[]] * 50] * 900, {"a" * 9_000: 0}):
-        for content in ({"1": label}, {str(label): "good"}):
-            Path("labels.json").write_text(json.dumps(content))
-            assert len(refused("labels.json", "audit", "data.npz", "--labels", "labels.json")) < 500
-
-
-def test_a_long_task_is_noted_by_its_beginning():
-    tasks = ["pick " * 9_000] * 40 + ["place"] * 20
-    table("data.parquet", task=tasks)
-    said = call("audit", "data.parquet", "-q").stderr
-    assert "too few to judge them well" in said
-    assert max(map(len, said.splitlines())) < 500
 
 
 @pytest.mark.parametrize(

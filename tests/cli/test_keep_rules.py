@@ -87,12 +87,6 @@ def test_an_outcome_may_be_a_file():
     refused("it is named twice in the command", "audit", other, "--outcome", "success.csv", "--verdicts", "success.csv")
 
 
-def test_a_failure_is_one_where_more_is_worse():
-    data = write("d.parquet", FEW, failed=1 - SUCCESS["success"])
-    printed = ok("keep", data, *COLUMNS, "--outcome=-failed", "-o", "k.parquet", "--ignore", "answers", "-q").stdout
-    assert "2 by failed = 1" in printed
-
-
 def test_the_page_shows_what_is_printed():
     """But for the numbers, which are those of this set with another judge."""
     page = (Path(__file__).parents[2] / "docs" / "command-line.md").read_text(encoding="utf-8")

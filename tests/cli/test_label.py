@@ -152,11 +152,3 @@ def test_a_link_to_nothing_is_refused_before_anything_is_judged(command):
     )
     assert not Path("elsewhere.csv").exists()
     assert Path("labels.csv").is_symlink()
-
-
-def test_a_note_is_written_beside_the_answer(data):
-    label(["4 slips at 3 s", "U  =too dark", "g", "q"], data)
-    lines = rows()
-    assert lines[0] == "id,label,note"
-    said = ["bad,slips at 3 s", "bad,slips at 3 s", "cannot tell,'=too dark", "good,"]
-    assert [line.partition(",")[2] for line in lines[1:]] == said

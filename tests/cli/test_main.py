@@ -57,10 +57,7 @@ class FakeDemo:
 
     def __init__(self, **arguments):
         arguments.pop("progress")("working")
-        self.arguments = arguments
-
-    def sentences(self):
-        return [f"It works with {self.arguments}."]
+        self.sentences = [f"It works with {arguments}."]
 
     def write_report(self, path):
         Path(path).write_text("report")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,7 +19,6 @@ from command_line import call, ok, refused
 from rpil.cli import outputs
 from rpil.cli.commands import AuditRun
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
 from rpil.faults.checking import check
 from rpil.formats.recording import from_demonstrations, from_tables
 
@@ -70,15 +68,6 @@ def test_secrets_of_an_address_are_in_no_report():
     assert shown.source == "s3://***@bucket/x.csv?token=***"
 
 
-def test_secrets_of_an_address_are_in_no_error(monkeypatch):
-    def refuse(path, *_, **__):
-        raise DataError(f"{path}: it cannot be listed; check the path.")
-
-    monkeypatch.setattr("rpil.formats.read_recording", refuse)
-    error = refused("it cannot be listed", "audit", "s3://KEY:HID/DEN@bucket/a.parquet", "-q")
-    assert error == "rpil: s3://***@bucket/a.parquet: it cannot be listed; check the path.\n"
-
-
 def test_no_home_folder_is_in_what_is_passed_on(folder, tmp_path, monkeypatch):
     data, work = tmp_path / "ann" / "sets" / "d.parquet", tmp_path / "ann" / "work"
     data.parent.mkdir(parents=True)
@@ -110,13 +99,6 @@ def test_too_many_that_are_unlike_end_with_code_1_after_all_output(folder, limit
     for wrong in ("similar", "open", "outlier:", "outlier:x", "bad:-1"):
         said = "is neither outlier nor bad, with a number as in outlier:2"
         refused(said, "audit", folder / "good.parquet", "--fail-on", wrong)
-
-
-def test_bad_ones_are_counted_where_labels_were_given(folder):
-    Path("labels.csv").write_text("id,label\n0,good\n1,good\n10,bad\n11,bad\n")
-    result = call("audit", folder / "good.parquet", "--labels", "labels.csv", "--fail-on", "outlier", "-q")
-    assert result.exit_code == 1
-    assert re.search(r"rpil: [2-6] of 12 demonstrations are bad, and", result.stderr)
 
 
 def test_outputs_do_not_join_the_data(folder):

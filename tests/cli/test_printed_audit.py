@@ -13,12 +13,10 @@ import pytest
 from rich.cells import cell_len
 
 from audits import make_audit
-from rpil.cli import printed_audit
 from rpil.cli.printed_audit import MAX_LINES, MAX_ROWS, MIN_ROWS, next_steps, odd_lines, print_audit
 from rpil.cli.terminal import THEN_RUN
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
-from rpil.formats import read_labels
 from rpil.results.answering import question
 from rpil.results.record import Demonstrator, Interval
 
@@ -73,8 +71,7 @@ def test_an_audit_is_25_lines_of_80_columns(kind, capsys):
     audit = KINDS[kind]
     lines = printed(audit, capsys)
     assert len(lines) <= MAX_LINES
-    to_paste = f"    {audit.ids[0]}," if kind == "long ids" else "no such line"  # a line of a file is whole
-    assert all(cell_len(line) <= 80 for line in lines if not line.startswith((to_paste, THEN_RUN)))
+    assert all(cell_len(line) <= 80 for line in lines if not line.startswith(THEN_RUN))
     rows = [line for line in lines if re.match(r"\S+ +(outlier|open|good|bad|\d+) +[-+]\d", line)]
     assert len(rows) >= 2
     assert len(rows) <= MAX_ROWS
@@ -110,19 +107,6 @@ def test_no_fault_is_a_sentence_and_one_is_one(capsys):
     one, command = odd_lines(FaultReport(faults(["a"]).findings[:1], {}, {}, {}, {}, 4, 99))[::2]
     assert one.startswith("1 recording is odd: a: action_steer leaps by")
     assert command == "  All: rpil check."
-
-
-def test_those_to_look_at_first_are_named_and_shown(capsys):
-    """First those with a recording fault, then those of the order of looking."""
-    audit = make_audit(("outlier",) * 20 + ("open",) * 20)
-    print_audit(audit, faults=FaultReport(faults([30]).findings, {}, {}, {}, {}, 40, 99))
-    lines = capsys.readouterr().out.splitlines()
-    rows = [line.split()[0] for line in lines if re.match(r"\S+ +(outlier|open)", line)]
-    assert rows == ["30", *(str(audit.ids[m]) for m in audit.ranking()[::-1][: len(rows) - 1])]
-    assert lines[0] == f"Look at these 5 first: {', '.join(rows)}."
-    assert [line.split()[0] for line in printed(audit, capsys, all_rows=True) if re.match(r"\d+ +\d+ +\w+ ", line)] == [
-        str(audit.ids[m]) for m in audit.ranking()[::-1]
-    ]
 
 
 def test_where_all_have_a_label_the_lowest_are_shown(capsys):
@@ -161,29 +145,10 @@ def test_no_line_of_the_table_is_wider_than_the_terminal(monkeypatch, columns, l
     assert {re.search(r"_(\d+) ", row)[1] for row in rows} <= {str(m) for m in range(20)}  # the end of an id stays
 
 
-@pytest.mark.parametrize(
-    ("labels_file", "labels", "lines"),
-    [
-        ("labels.csv", {}, ["id,label", '"a,""b""",good']),
-        ("labels.csv", {"good": 1, "bad": -1}, ['"a,""b""",good']),
-        ("labels.json", {}, ['{"a,\\"b\\"": "good"}']),
-        ("labels.json", {"good": 1, "bad": -1}, ['"a,\\"b\\"": "good"']),
-    ],
-)
-def test_labels_to_paste_are_read_as_labels_of_the_demonstration(labels_file, labels, lines, tmp_path):
-    audit = make_audit(("open", "open", "outlier"), ids=("good", "bad", 'a,"b"'), labels=labels)
-    text = next_steps(audit, labels_file, ["rpil", "audit", "x"])
-    assert [line[4:] for line in text if line.startswith("    ")] == lines
-    assert text[-1] == f"Then run: rpil audit x --labels {labels_file}"
-    if not labels:
-        path = tmp_path / labels_file
-        path.write_text("\n".join(lines))
-        assert read_labels(path) == {'a,"b"': "good"}
-
-
-def test_labels_for_all_leave_nothing_to_label():
-    audit = make_audit(("good", "bad"), labels={0: 1, 1: -1})
-    assert next_steps(audit, "l.csv", ["rpil", "audit", "x"]) == ["Every demonstration has a label already."]
+def test_the_command_to_run_next_is_the_last_line():
+    *_, how, then = next_steps(make_audit(("open", "open", "outlier")), "l.csv", ["rpil", "audit", "a b"])
+    assert how.startswith("Answer in l.csv (id,label;")
+    assert then == "Then run: rpil audit 'a b' --labels l.csv"
 
 
 def test_doubts_and_contradicting_labels_are_results(capsys):
@@ -196,8 +161,3 @@ def test_doubts_and_contradicting_labels_are_results(capsys):
         "Group A, 2: 0, 1",
         "Group B, 2: 2, 3",
     ]
-
-
-def test_ids_are_cut_at_their_beginning():
-    assert printed_audit.short_id("x" * 28) == "x" * 28
-    assert printed_audit.short_id("x" * 28 + "7") == "..." + "x" * 24 + "7"

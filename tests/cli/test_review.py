@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import http.client
 import json
 import re
 import signal
@@ -60,19 +59,6 @@ def test_what_was_answered_outlives_the_server(data):
     assert (process.returncode, err) == (0, "")
     assert out.splitlines()[-2:] == ["2 answers of this run in labels.csv.", f"Then run: {command}"]
     assert read_answers("labels.csv") == (labels | {"11": "good", "3": "good"}, {})
-
-
-@pytest.mark.slow
-def test_the_port_can_be_chosen_and_the_page_needs_its_token(data):
-    with reviewing(data, "--observations", "x,v") as (_, client):
-        refused("cannot be used", "review", data, "--port", client.gate.port, "--no-browser", "-q")
-        connection = http.client.HTTPConnection("127.0.0.1", client.gate.port, timeout=60)
-        connection.request("GET", "/")
-        answer = connection.getresponse()
-        assert (answer.status, list(json.loads(answer.read()))) == (403, ["error"])
-        connection.close()
-        page = client.ask("GET", "/")[2].decode()
-        assert "Audit of d.parquet" in page
 
 
 FINISHED = ["mine-keep.json", "mine-verdicts.csv", "mine-weights.parquet"]

@@ -47,12 +47,3 @@ def test_cloning_does_not_depend_on_units(features):
     X, Z = toy.observations, toy.observations * [1e-15, 1.0, 1e15]
     plain, scaled = (BehavioralCloning(features).fit(x, toy.actions) for x in (X, Z))
     np.testing.assert_allclose(scaled.predict_log_proba(Z), plain.predict_log_proba(X), rtol=1e-4, atol=1e-6)
-
-
-def test_cloning_does_not_depend_on_the_amount_of_data():
-    toy = make("random", 0)
-    once = BehavioralCloning().fit(toy.observations, toy.actions)
-    twice = BehavioralCloning().fit(np.repeat(toy.observations, 2, axis=0), np.repeat(toy.actions, 2))
-    np.testing.assert_allclose(
-        once.predict_log_proba(toy.observations), twice.predict_log_proba(toy.observations), rtol=1e-4, atol=1e-6
-    )

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from sklearn.base import clone
-from sklearn.linear_model import LinearRegression
-from sklearn.metrics import r2_score
 
 from problems import make_continuous, refused
 from rpil.data.demonstrations import Demonstrations
@@ -22,8 +20,6 @@ from small import FAST
 STEPS = (40, 60)
 
 MANY: dict[str, Any] = {"n_good": 10, "n_bad": 10, "steps": STEPS}
-
-ESTIMATORS = [RPIL(), BehavioralCloning(), RMEnt()]
 
 
 def test_units_of_the_actions_do_not_matter():
@@ -56,22 +52,6 @@ def test_predictions_lie_in_the_box(estimator, n_parts):
             getattr(model, method)(toy.observations)
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
-def test_score_is_r_squared(estimator):
-    toy = make_continuous("noisy", 0, n_bad=2)
-    model = clone(estimator).fit(toy.demonstrations)
-    expected = r2_score(toy.actions, model.predict(toy.observations))
-    assert model.score(toy.observations, toy.actions) == pytest.approx(expected)
-
-
-def test_behavioral_cloning_without_outliers_is_least_squares():
-    toy = make_continuous("none", 0, n_good=30, n_bad=0, steps=(100, 100))
-    ours = BehavioralCloning().fit(toy.observations, toy.actions)
-    theirs = LinearRegression().fit(toy.observations, toy.actions)
-    np.testing.assert_allclose(ours.coef_, theirs.coef_, atol=0.01)
-    np.testing.assert_allclose(ours.intercept_, theirs.intercept_, atol=0.01)
-
-
 def test_one_dimensional_float_actions():
     toy = make_continuous("random", 0, n_parts=1)
     columns = Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets)
@@ -82,10 +62,3 @@ def test_one_dimensional_float_actions():
     # scikit-learn's own checks want one-dimensional floats refused: they look like a regression
     with refused("continuous", ValueError):
         RPIL().fit(toy.observations, toy.actions[:, 0], groups=toy.groups)
-
-
-def test_declared_action_box_is_kept():
-    toy = make_continuous("random", 0)
-    model = RPIL(action_box=([-50, -40], 60)).fit(toy.demonstrations)
-    np.testing.assert_array_equal(model.space_.low, [-50, -40])
-    np.testing.assert_array_equal(model.space_.high, [60, 60])

@@ -23,9 +23,7 @@ def sticky(rng):
 
 KINDS = {
     "one of two": lambda rng: rng.choice([0.5, 1.0], N),
-    "one of two, seldom": lambda rng: rng.choice([0.5, 1.0], N, p=[0.7, 0.3]),
     "two values that stay": sticky,
-    "one of three": lambda rng: rng.choice([-1.0, 0.0, 1.5], N, p=[0.25, 0.5, 0.25]),
     "often nothing": lambda rng: np.where(rng.random(N) < 0.5, 0.0, rng.uniform(-1, 1, N)),
 }
 

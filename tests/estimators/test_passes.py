@@ -16,7 +16,7 @@ from rpil.estimators import passes
 from rpil.results.vocabulary import SIDES
 from rpil.scale.fit import JudgedSample
 from rpil.scale.local import LocalEngine
-from small import SAMPLE, SMALL, small_rpil
+from small import SAMPLE, small_rpil
 
 
 def demonstrations(kind="random", seed=0, n_good=80, n_bad=40, maker=make):
@@ -147,15 +147,3 @@ def test_final_policy_learns_states_outside_the_sample():
     weight = model.audit_.step_weight
     assert weight @ (actions == 7) > 3
     assert weight @ model.predict_proba(observations)[:, -1] == pytest.approx(weight @ (actions == 7), rel=0.02)
-
-
-def test_sample_with_labels_of_one_kind_holds_unlabelled_demonstrations(recwarn):
-    settings = replace(SMALL, sample=replace(SAMPLE, min_steps=1500))
-    toy, data = demonstrations("random", 1, n_good=100, n_bad=100)
-    labels = dict.fromkeys(toy.ids[100:160], "bad")
-    model = small_rpil(labels=labels, settings=settings).fit(data)
-    assert roc_auc_score(toy.is_good, model.log_odds_) > 0.99
-    words = np.array(model.audit_.verdicts)
-    assert not (words[toy.is_good] == "bad").any()
-    assert not (words[~toy.is_good] == "good").any()
-    assert not [w for w in recwarn if w.category is RuntimeWarning]

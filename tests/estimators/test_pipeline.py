@@ -8,9 +8,8 @@ from sklearn.linear_model import LogisticRegression, Ridge
 
 import rpil
 from problems import make, make_continuous, two_styles
-from rpil import RPIL, DataError, Settings, load, save
+from rpil import RPIL, DataError, Settings
 from rpil.data.demonstrations import Demonstrations
-from rpil.inference.findings import FINDINGS
 from rpil.inference.settings import AnswerSettings, JudgeSettings, OutlierSettings
 
 STEPS = (40, 60)
@@ -31,23 +30,6 @@ def test_names_of_actions_change_nothing(few, names):
     assert (audit.finding, audit.verdicts) == (few.audit_.finding, few.audit_.verdicts)
 
 
-def test_a_good_style_in_few_states_accuses_nobody():
-    data, _ = two_styles(1, above=1.2)
-    audit = RPIL().fit(data).audit_
-    assert "outlier" not in audit.verdicts
-    assert np.ptp(audit.log_odds) > 0
-
-
-def test_log_odds_are_the_sum_of_their_parts():
-    toy = make("random", 0, steps=STEPS)
-    who = ["Ann"] * 3 + ["Bob"] * 3 + ["Cid"] * 6
-    audit = RPIL(labels={"d0": "good", "d11": "bad"}).fit(toy.demonstrations, demonstrators=who).audit_
-    np.testing.assert_allclose(sum(audit.evidence.values()), audit.log_odds)
-    assert audit.from_label[1:11].any()  # an answer says something of all others
-    assert audit.from_demonstrator.any()
-    assert audit.finding in FINDINGS
-
-
 @pytest.mark.parametrize("policy", [None, LogisticRegression()])
 def test_a_learner_trusts_the_larger_part_by_linear_policies_and_says_so(policy):
     """Whatever its own policy is; labels of both parts turn it, and an audit looks for none."""
@@ -61,25 +43,6 @@ def test_a_learner_trusts_the_larger_part_by_linear_policies_and_says_so(policy)
     assert not any("trusts" in note for note in turned.audit_.notes)
     assert (model.predict(toy.observations) == turned.predict(toy.observations)).mean() < 0.6
     assert not rpil.audit(toy.demonstrations).part.any()
-
-
-def test_user_policy_with_repeated_columns():
-    toy = make("none", 0, n_good=8, n_bad=4, steps=STEPS)
-    twice = np.hstack([toy.observations, toy.observations[:, :1], np.zeros((len(toy.actions), 1))]) * 1e12
-    audit = RPIL(policy=LogisticRegression()).fit(twice, toy.actions, groups=toy.groups).audit_
-    assert set(audit.verdicts) == {"open"}
-
-
-def test_user_policy_scores_demonstrations_as_it_judged_them():
-    toy = make("random", 0, n_good=8, n_bad=6, steps=STEPS)
-    model = RPIL(policy=LogisticRegression()).fit(toy.demonstrations)
-    again = model.score_demonstrations(toy.demonstrations)
-    assert ((again > 0) == (model.audit_.log_odds > 0)).all()
-    toy = make_continuous("random", 0, n_good=8, n_bad=6, steps=(40, 60))
-    far = Demonstrations.from_arrays(toy.observations, 50 * toy.actions, toy.offsets, toy.ids)
-    labels = {name: "good" if m < 8 else "bad" for m, name in enumerate(far.ids)}  # without them it says two groups
-    model = RPIL(policy=Ridge()).fit(far, labels=labels)
-    assert ((model.score_demonstrations(far) > 0) == (model.audit_.log_odds > 0)).all()
 
 
 def test_observations_with_infinite_squares_are_refused():
@@ -138,16 +101,6 @@ def test_nothing_is_learned_from_copies_of_one_demonstration(policy):
     assert set(audit.verdicts) == {"open"}
     assert np.ptp(audit.log_odds) == 0
     assert "All 6 demonstrations are copies of one: there is nothing to compare." in audit.notes
-
-
-def test_a_saved_audit_knows_its_copies(tmp_path):
-    toy = make("random", 3, n_good=12, n_bad=6)
-    model = RPIL(C=1.0).fit(with_copies(toy.demonstrations, [*range(18), 0, 17]))
-    save(model, tmp_path / "model")
-    kept = load(tmp_path / "model").audit_
-    assert kept.copy_of.tolist() == [*range(18), 0, 17]
-    answers = {"copy 0": "good", "d17": "bad", "d1": "good"}
-    np.testing.assert_array_equal(kept.answered(answers).log_odds, model.audit_.answered(answers).log_odds)
 
 
 def test_the_audit_carries_the_thresholds_of_its_judge():

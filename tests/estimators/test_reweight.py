@@ -11,7 +11,6 @@ from sklearn.metrics import roc_auc_score
 
 from problems import Toy, make, refused
 from rpil import Demonstrations, reweight
-from rpil.data.errors import DataError
 
 TOY = make("random", 0, n_good=12, n_bad=8, steps=(30, 50))
 
@@ -107,18 +106,6 @@ def test_log_prob_is_held_out():
         assert not asked[weights] & taught[weights]
 
 
-def test_minus_infinite_log_prob_lowers_log_odds():
-    """A policy may be certain, and wrong."""
-
-    def certain(policy, observations, actions):
-        found = log_prob(policy, observations, actions)
-        return np.where(found < np.log(0.2), -np.inf, found)
-
-    found = reweight(Linear(), TOY.demonstrations, log_prob=certain, train=train, n_folds=1)
-    assert np.isfinite(found.audit.log_odds).all()
-    assert roc_auc_score(TOY.is_good, found.audit.log_odds) == 1.0
-
-
 def nan_after_training(policy, observations, actions):
     found = log_prob(policy, observations, actions)
     found[3] = np.nan if policy.trained else found[3]
@@ -149,28 +136,6 @@ def test_invalid_functions_and_options_are_refused_in_one_sentence(wrong, words)
         reweight(Linear(), TOY.demonstrations, **({"log_prob": log_prob, "train": train} | wrong))
 
 
-def test_reweight_refuses_arrays_and_a_single_demonstration():
-    with pytest.raises(DataError, match="needs Demonstrations, not ndarray"):
-        reweight(Linear(), TOY.observations, log_prob=log_prob, train=train)
-    with pytest.raises(DataError, match="one demonstration alone"):
-        reweight(Linear(), TOY.demonstrations.select([0]), log_prob=log_prob, train=train)
-
-
-def test_steps_keep_weight_where_no_demonstration_is_trusted():
-    def never(policy, observations, actions):
-        return np.full(len(actions), -50.0 - 1e-3 * policy.trained)
-
-    weights = []
-
-    def note(policy, observations, actions, trust):
-        policy.trained += 1
-        weights.append(trust.sum())
-
-    found = reweight(Linear(), TOY.demonstrations, log_prob=never, train=note, max_rounds=3)
-    assert set(found.audit.verdicts) <= {"open", "outlier"}
-    assert min(weights) > 0.0
-
-
 def test_reweight_judges_copies_once():
     every = np.concatenate([np.arange(len(TOY.ids)), np.zeros(5, dtype=int)])
     rows = np.concatenate([np.arange(TOY.offsets[m], TOY.offsets[m + 1]) for m in every])
@@ -184,16 +149,3 @@ def test_reweight_judges_copies_once():
     assert more.audit.notes[-1] == "5 demonstrations are copies of 1 other: each is judged once."
     assert more.audit.notes[0].startswith("The policy trusts ")
     assert (more.policy.weights != once.policy.weights).any()  # it learns from copies as well
-
-
-def test_reweight_of_copies_of_one_or_two_demonstrations():
-    first, last = TOY.demonstrations[0], TOY.demonstrations[19]
-    alone = Demonstrations.from_episodes([first] * 5)
-    audit = reweight(Linear(), alone, log_prob=log_prob, train=train).audit
-    assert (audit.finding, audit.pair) == ("nothing could be learned", ())
-    assert audit.notes == ("All 5 demonstrations are copies of one: there is nothing to compare.",)
-    with pytest.raises(DataError, match="n_folds=6, but there are 5 demonstrations; give fewer folds"):
-        reweight(Linear(), alone, log_prob=log_prob, train=train, n_folds=6)
-    two = Demonstrations.from_episodes([first, last] * 3)
-    with pytest.raises(DataError, match="n_folds=3, but there are 2 different demonstrations; give fewer folds"):
-        reweight(Linear(), two, log_prob=log_prob, train=train)

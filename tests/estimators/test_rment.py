@@ -34,15 +34,6 @@ def test_concentration_lowers_the_objective_to_a_fixed_point(kind, start):
     assert found.selected.sum() == 6
 
 
-def test_concentration_changes_a_bad_selection():
-    """Else the test above says nothing."""
-    problem = make("random", 2, n_actions=4).problem()
-    first = fit_selected(problem, SoftmaxPolicy.zero(4, ridge(problem)), np.arange(12) >= 6, 1e-8)
-    found = concentrate(problem, first, 6, 1e-8, 50)
-    assert len(found.history) > 2
-    assert found.objective < first.objective - 0.1
-
-
 @pytest.mark.parametrize("seed", range(2))
 def test_search_finds_the_best_of_all_subsets(seed):
     toy = make("noisy", seed, n_good=4, n_bad=4, steps=(5, 15), sharpness=2.0)
@@ -61,13 +52,6 @@ def test_search_finds_the_best_of_all_subsets(seed):
     best = min(objectives, key=objectives.get)
     assert model.objective_ == pytest.approx(objectives[best], abs=1e-8)
     assert tuple(np.flatnonzero(model.weights_)) == best
-
-
-def test_starts_are_all_demonstrations_single_ones_and_random_subsets():
-    found = starts(5, 3, 10, np.random.default_rng(0))
-    assert [chosen.sum() for chosen in found] == [5, 1, 1, 1, 1, 1, 3, 3, 3, 3]
-    assert (np.sum(found[1:6], axis=0) == 1).all()
-    assert len(starts(5, 3, 4, np.random.default_rng(0))) == 4
 
 
 @pytest.mark.parametrize(("kind", "features"), [("random", "nystroem"), ("noisy", "raw")])
@@ -139,3 +123,10 @@ def test_warning_without_convergence():
 def test_errors_are_one_sentence(n_trusted, data, words):
     with refused(words):
         RMEnt(n_trusted=n_trusted).fit(data)
+
+
+def test_starts_are_all_demonstrations_single_ones_and_random_subsets():
+    found = starts(5, 3, 10, np.random.default_rng(0))
+    assert [chosen.sum() for chosen in found] == [5, 1, 1, 1, 1, 1, 3, 3, 3, 3]
+    assert (np.sum(found[1:6], axis=0) == 1).all()
+    assert len(starts(5, 3, 4, np.random.default_rng(0))) == 4

@@ -11,7 +11,6 @@ from sklearn.linear_model import LogisticRegression
 from problems import make, make_continuous, refused
 from rpil import RPIL, DataError, MixtureSettings, SampleSettings, Settings
 from rpil.estimators.reweight import ReweightOptions
-from rpil.estimators.rment import ConcentrationSettings
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.mixture.settings import DemonstratorSettings
 from rpil.numerics.regression import ErrorSettings
@@ -20,13 +19,12 @@ from rpil.policies.settings import CrossFitSettings, SelectionSettings
 from rpil.scale.settings import AscentSettings
 
 
-def test_feature_settings_reach_the_maps_of_the_judge_and_of_the_policy():
+def test_feature_settings_reach_the_map_of_the_policy():
     maps = FeatureSettings(n_landmarks=5, ridge_per_step=1e-3)
     settings = Settings(selection=SelectionSettings(maps=maps))
     model = RPIL("nystroem", settings=settings).fit(make("noisy", 0).demonstrations)
-    for features in (model.features_, model.judge_features_):
-        assert len(features.landmarks) == 5
-        assert features.ridge_per_step == 1e-3
+    assert len(model.features_.landmarks) == 5
+    assert model.features_.ridge_per_step == 1e-3
 
 
 def test_error_settings_reach_the_scores_of_continuous_actions():
@@ -53,7 +51,6 @@ def test_cross_fit_settings_reach_a_policy_of_scikit_learn():
         (partial(SampleSettings, max_ratio=0.5), "max_ratio=0.5"),
         (partial(AscentSettings, max_passes=0), "max_passes=0 must be a whole number"),
         (partial(Settings, min_feature_weight=1.0), "min_feature_weight=1.0"),
-        (partial(ConcentrationSettings, n_carried=0), "n_carried=0"),
         (partial(ReweightOptions, patience=0), "patience=0"),
     ],
 )

@@ -9,7 +9,6 @@ from sklearn.exceptions import NotFittedError
 
 from problems import make, make_continuous, refused
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
@@ -56,13 +55,6 @@ def test_rows_without_groups_are_refused_unless_each_is_a_demonstration(kind):
     kind().fit(toy.observations, toy.actions, groups=toy.groups)
 
 
-def test_demonstrations_to_score_need_groups_too():
-    toy = make("random", 0)
-    model = RPIL(adversary="uniform").fit(toy.demonstrations)
-    with pytest.raises(DataError, match="No groups were given"):
-        model.score_demonstrations(toy.observations, toy.actions)
-
-
 def test_action_box_for_discrete_actions_is_refused_in_one_sentence():
     with refused("the actions are discrete, which no action_box fits; leave it out"):
         RPIL(action_box=(0, 1)).fit(make("random", 0).demonstrations)
@@ -72,8 +64,6 @@ def test_unfitted_estimators_raise():
     for method in ("predict", "predict_proba"):
         with pytest.raises(NotFittedError):
             getattr(RPIL(), method)(np.zeros((2, 2)))
-    with pytest.raises(NotFittedError):
-        RPIL().score_demonstrations(np.zeros((2, 2)), [0, 1], groups=[0, 0])
 
 
 TOY = make("random", 0)

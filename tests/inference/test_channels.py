@@ -10,16 +10,7 @@ from scipy.stats import norm
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
-from rpil.inference.channels import (
-    CHANNELS,
-    StateScale,
-    channels,
-    columns_of,
-    components,
-    normal_scores,
-    own_log_prob,
-    summaries,
-)
+from rpil.inference.channels import CHANNELS, StateScale, channels, columns_of, components, normal_scores, summaries
 from rpil.inference.settings import AnswerSettings, ChannelSettings
 from rpil.numerics.regression import ErrorSettings, student_log_densities
 
@@ -27,6 +18,8 @@ SETTINGS, ERRORS = ChannelSettings(), ErrorSettings()
 STATES = np.array([[0.0, 0], [1, 0], [2, 0], [2, 0], [4, 0], [4, 3], [0, 0], [0, 1]])
 OFFSETS = np.array([0, 4, 6, 8])
 ACTIONS = np.array([[0.0], [1], [3], [3], [5], [1], [2], [2]])
+LOG_PROB = np.array([-1.0, -3, -1, -3, -5, -7, -1, -2])
+LOG_RATIO = LOG_PROB + np.array([1.0, 1, 1, 1, 2, 2, 0, 0])
 
 
 def data_of(states=STATES, actions=ACTIONS, offsets=OFFSETS) -> FitData:
@@ -39,31 +32,34 @@ def data_of(states=STATES, actions=ACTIONS, offsets=OFFSETS) -> FitData:
 def described(data, actions=None, states=None):
     states = states or StateScale.of(data, SETTINGS)
     actions = np.asarray(data.actions if actions is None else actions, dtype=float)
-    found = channels(data, np.arange(float(data.n_demonstrations)), actions, states)
+    found = channels(data, np.arange(float(data.n_demonstrations)), LOG_PROB, LOG_RATIO, actions, states, ERRORS)
     return dict(zip(CHANNELS, found.T, strict=True))
 
 
-def test_agreement_and_length():
+def test_channels_of_likelihood_and_length():
     found = described(data_of())
     np.testing.assert_allclose(found["agreement"], [0, 1, 2])
+    np.testing.assert_allclose(found["gain over all actions"], [-1, -4, -1.5])
     np.testing.assert_allclose(found["length"], np.log([4, 2, 2]))
 
 
 def test_discrete_actions_are_compared_with_frequencies():
     actions = np.array([0, 0, 0, 1, 1, 1, 2, 0])
-    indicators = np.eye(3)[actions]
+    found = described(data_of(actions=actions), np.eye(3)[actions])
+    np.testing.assert_allclose(found["gain over all actions"], [-1, -4, -1.5])
     # one step of every action is added: 4, 2, 1 of 7; 1, 3, 1 of 5; 2, 1, 2 of 5
     own = [(3 * np.log(4 / 7) + np.log(2 / 7)) / 4, np.log(3 / 5), np.log(2 / 5)]
-    np.testing.assert_allclose(own_log_prob(data_of(actions=actions), indicators, ERRORS), own)
-    np.testing.assert_allclose(described(data_of(actions=actions), indicators)["smoothness"], [-2 / 3, 0, -2])
+    np.testing.assert_allclose(found["gain over own actions"], np.array([-2, -6, -1.5]) - own)
+    np.testing.assert_allclose(found["smoothness"], [-2 / 3, 0, -2])
 
 
 def test_own_actions_are_a_student_distribution_around_their_median():
+    found = described(data_of())
     own = []
     for errors in (np.array([-2.0, -1, 1, 1]), np.array([2.0, -2]), np.zeros(2)):
         scale = np.array([1.35 * np.median(np.abs(errors)) + 0.03])
         own.append(student_log_densities(errors[:, None], scale, ERRORS).sum(axis=1).mean())
-    np.testing.assert_allclose(own_log_prob(data_of(), ACTIONS, ERRORS), own)
+    np.testing.assert_allclose(found["gain over own actions"], np.array([-2, -6, -1.5]) - own)
 
 
 def test_smoothness_is_the_mean_change_of_all_parts_of_the_action():

@@ -7,14 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hand_made import groups_of
 from problems import fit_data_of, make, make_continuous
-from rpil.data.fit_data import FitData
-from rpil.data.spaces import Discrete
-from rpil.inference.channels import StateScale, own_log_prob
+from rpil.inference.channels import own_log_prob
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import held_out_model
-from rpil.inference.scores import mean_variance
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import judge
 
@@ -38,25 +34,8 @@ def test_fitted_judge_gives_the_signs_of_the_judgement(judged):
     assert measure is (log_ratio if data.space.kind == "discrete" else log_prob)
     score, _ = kept.score(data, measure, SETTINGS)
     np.testing.assert_allclose(score, judgement.scores.score, atol=0.3 * np.ptp(judgement.scores.score))
-    again = kept.log_odds(data, measure, SETTINGS)
-    np.testing.assert_array_equal(again > 0, judgement.log_odds > 0)
+    np.testing.assert_array_equal(kept.groups.upper(score, judgement.scores.variance), judgement.log_odds > 0)
     np.testing.assert_allclose(data.mean_steps(log_ratio), data.mean_steps(judgement.log_ratio), atol=0.5)
-
-
-def test_a_user_policy_replaces_the_ratio(judged):
-    data, judgement, _, _ = judged
-    kept = FittedJudge.of(judgement, data, SETTINGS, user_policy=True)
-    assert kept.ratio is None
-    assert kept.reference.shape == (3,) if data.space.kind == "discrete" else data.actions.shape[1:]
-
-
-def test_log_odds_by_hand():
-    log_ratio, offsets = np.array([1.0, 0.0, 2.0, 0.2, -0.2]), np.array([0, 3, 5])
-    kept = FittedJudge(None, groups_of(0.9), 2.0, StateScale(np.ones(1), 0.0))
-    variance = mean_variance(np.array([2.0, 0.08]), np.array([3, 2]), 2.0, 20.0)
-    by_hand = kept.groups.log_odds(np.array([1.0, 0.0]), variance)
-    steps = FitData(np.ones((5, 1)), np.zeros(5, dtype=int), offsets, Discrete(2), np.zeros(2, dtype=int))
-    np.testing.assert_allclose(kept.log_odds(steps, log_ratio, SETTINGS), by_hand)
 
 
 def test_a_demonstration_that_holds_still_scores_lower_by_how_predictable_it_is(judged):

@@ -38,7 +38,7 @@ def concluded(labels=None, p_two=0.999, data=None, finding="outliers"):
     """The judgement of `SCORE`, the audit with these labels, and the labels as answers."""
     data = data or same_actions(10)
     scores = scores_of(scoring_of(same_actions(10), lambda group: 0.0, SETTINGS), SCORE, p_two)
-    described = np.column_stack([SCORE, *np.cos(np.outer(np.arange(1, 5), np.arange(10.0)))])  # one for each channel
+    described = np.column_stack([SCORE, *np.cos(np.outer(np.arange(1, 7), np.arange(10.0)))])  # one for each channel
     columns = columns_of(described, described[:, :0], scores.log_odds, SETTINGS.answers)
     claims, states, own = Claims(finding, LOWER), StateScale(np.ones(2), 0.0), np.arange(10)
     none = np.zeros(10), np.zeros(0), np.zeros(10)

@@ -7,7 +7,7 @@ import pytest
 
 from audits import make_audit
 from problems import make, refused
-from rpil import RPIL, DataError, Demonstrations, load, save
+from rpil import RPIL, DataError, Demonstrations
 from rpil.inference.findings import FINDINGS
 from rpil.results.answering import NEXT_STEPS, NOT_USED, shown_proba
 from rpil.results.record import Audit
@@ -54,17 +54,16 @@ def test_answers_to_an_audit_are_those_of_a_fit(audit, labels, pairs):
     np.testing.assert_allclose(later.step_weight, fitted.step_weight, rtol=1e-9)
 
 
-def test_ties_of_an_audit_are_those_of_a_fit(audit, tmp_path):
+def test_ties_of_an_audit_are_those_of_a_fit(audit):
     words = [("d0", "same as d9"), ("d3", "better than d8"), ("d4", "better than d12")]
     later, model = audit.answered(words), RPIL().fit(TOY.demonstrations, labels=words)
     assert later.answers.tied.tolist() == [[0, 9]]
     assert "P(good) is learned from 3 pairs, each of which may be wrong." in later.assumptions
     without = audit.answered(words[1:])
     assert np.ptp(later.log_odds[[0, 9]]) < np.ptp(without.log_odds[[0, 9]])
-    save(model, tmp_path / "model.rpil")
     pairs = {("d0", "d9"): "same as", ("d3", "d8"): "better than"}
     in_turn = audit.answered(pairs=pairs).answered(pairs=[("d4", "d12")])
-    for same in (model.audit_, load(tmp_path / "model.rpil").audit_, in_turn):
+    for same in (model.audit_, in_turn):
         np.testing.assert_allclose(same.log_odds, later.log_odds, atol=1e-9)
         assert same.answers.tied.tolist() == [[0, 9]]
     with pytest.raises(DataError, match="'d9' and 'd0': two answers contradict each other; keep one answer"):

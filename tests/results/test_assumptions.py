@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from itertools import product
 
-import pytest
-
 from audits import make_audit
 from rpil.inference.findings import FINDINGS
 from rpil.results import summary as assumptions
@@ -19,21 +17,6 @@ def test_sentences_begin_with_the_finding_and_the_meaning_of_the_probability():
         assert sentences[:2] == (FINDINGS[finding], VOCABULARIES[anchor].explanation)
         assert len(sentences) == 3 + (anchor == "named adversary")
         assert all(sentence.endswith(".") for sentence in sentences)
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"policy": "The policy is linear."}, "linear"),
-        ({"p_two_groups": 0.256}, "0.26"),
-        ({"expert_share": 0.75}, "0.75"),
-        ({"demonstrators": "Ann gave all."}, "Ann gave all."),
-    ],
-)
-def test_each_fact_adds_one_sentence(given, words):
-    plain, more = (assumptions.assumption_sentences(make_audit(), **options) for options in ({}, given))
-    (added,) = set(more) - set(plain)
-    assert words in added
 
 
 def test_labels_and_whole_demonstrations_are_assumptions_too():

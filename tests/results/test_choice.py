@@ -13,8 +13,7 @@ from audits import make_audit
 from rpil.data.errors import DataError
 from rpil.inference.answers import Answers
 from rpil.results.answering import rejecting_rules
-from rpil.results.choice import KEEP_RULES, RULES_OF_VERDICTS, Asked, choose, read_verdicts
-from rpil.results.verdict_table import choice_of, verdict_columns, write_verdicts
+from rpil.results.choice import KEEP_RULES, RULES_OF_VERDICTS, Asked, choose, read_verdicts, write_verdicts
 from rpil.results.vocabulary import SIDES
 
 TABLE = {
@@ -27,27 +26,6 @@ TABLE = {
 
 def kept(table, **asked):
     return list(choose(table, Asked(**asked)).kept)
-
-
-@pytest.mark.parametrize(
-    ("asked", "ids"),
-    [
-        ({}, "acde"),
-        ({"share": 0.8}, "acde"),
-        ({"share": 0.6}, "acd"),
-        ({"share": 0.01}, "a"),
-        ({"share": 1}, "abcde"),
-        ({"at_least": 0.6}, "acde"),
-        ({"at_least": 0.991}, ""),
-        ({"ignored": {"answers"}}, "abcde"),
-        ({"faulty": {"a", "b"}}, "cde"),
-        ({"share": 0.6, "faulty": {"a"}}, "cd"),
-    ],
-)
-def test_choice(asked, ids):
-    choice = choose(TABLE, Asked(**asked))
-    assert list(choice.kept) == [*ids]
-    assert sorted([*choice.kept, *itertools.chain(*choice.rejected.values())]) == TABLE["id"], "each is named once"
 
 
 def table_of(words, labels=None, rules=None):
@@ -153,7 +131,7 @@ def test_the_worse_one_of_a_pair_is_named_and_rejected_after_a_second_answer_tha
     against = pair_of([1.0, 1.0, 0.0, 0.0], {3: 1})
     assert (against.choice.kept, against.choice.lines()) == ((0, 1, 2, 3), [said])
     assert pair_of([1.0, 1.0, 0.0, 0.0], {1: 1}).choice.lines() == [], "it is labelled good"
-    assert choice_of(one, Asked(ignored={"answers"})).lines() == []
+    assert choose(one.table(), Asked(ignored={"answers"})).lines() == []
     copied = pair_of([1.0, -1.0, -1.0, 0.0], {3: 1}, copy_of=np.array([0, 1, 1, 3]))
     assert copied.choice.rejected == {"answers": (1, 2)}
 
@@ -175,12 +153,12 @@ def test_an_outcome_of_zero_rejects_and_is_named():
     assert audit.choice.rejected == {"outcome": (0,)}, "a label says more of its demonstration"
     assert audit.choice.lines() == ["Rejected: 1 by success = 0.", "  by success = 0: 0"]
     assert audit.said == ("success = 0", "", "", "")
-    assert choice_of(audit, Asked(ignored={"outcome"})).kept == (0, 1, 2, 3)
-    assert choice_of(audit, Asked(spared={"0"})).kept == (0, 1, 2, 3)
-    assert choice_of(audit, Asked(share=1.0)).kept == (1, 2, 3)
+    assert choose(audit.table(), Asked(ignored={"outcome"})).kept == (0, 1, 2, 3)
+    assert choose(audit.table(), Asked(spared={"0"})).kept == (0, 1, 2, 3)
+    assert choose(audit.table(), Asked(share=1.0)).kept == (1, 2, 3)
     both = with_flags([0.0, 1.0, 0.0, np.nan], labels={0: -1})
     assert both.choice.rejected == {"labels": (0,), "outcome": (2,)}
-    assert choice_of(both, Asked(ignored={"labels"})).rejected == {"outcome": (0, 2)}
+    assert choose(both.table(), Asked(ignored={"labels"})).rejected == {"outcome": (0, 2)}
     numbers = with_flags([0.0, 1.0, 0.0, 2.0])
     assert numbers.choice.rejected == {}, "no flag"
     copies = with_flags([0.0, 1.0, np.nan, np.nan], copy_of=np.array([0, 1, 0, 1]))
@@ -197,13 +175,13 @@ def test_the_file_of_an_audit_says_the_same_as_the_audit(tmp_path, extension):
         words = ("good",) * 4 + ("open",) * 3 + ("bad",) * 3
         changes = {"anchor": "answers", "labels": labels, "answers": known if labels else Answers.none(10)}
         audit = make_audit(words, ids=ids, **changes)
-        write_verdicts(path, audit, verdict_columns(audit, {}))
+        write_verdicts(path, audit, audit.table({}))
         for asked in (Asked(), Asked(share=0.4), Asked(at_least=0.5), Asked(ignored={"answers"})):
-            expected = choice_of(audit, asked)
+            expected = choose(audit.table(), asked)
             assert expected.kept
-            assert choose(verdict_columns(audit, {}), asked) == expected
+            assert choose(audit.table({}), asked) == expected
             assert choose(read_verdicts(path), asked) == expected
-    assert {*choice_of(audit).rejected} == {"labels", "outcome", "answers"}
+    assert {*audit.choice.rejected} == {"labels", "outcome", "answers"}
 
 
 def test_words_of_a_named_adversary_are_read_and_unknown_ones_refused():
@@ -261,14 +239,6 @@ def test_files_that_are_no_verdicts_are_refused(tmp_path):
             read_verdicts(tmp_path / "v.json")
 
 
-def test_the_sentence_counts_each_rule():
-    words = ["bad", "bad", "outlier", "adversary", "good"]
-    choice = choose(table_of(words, ["bad", "", "", "", ""]))
-    said = "1 by your labels, 1 by inference from your answers, 1 like the adversary that was named"
-    assert choice.lines()[:3] == [f"Rejected: {said}.", "  by your labels: d0", "  by inference from your answers: d1"]
-    assert choose(table_of(["open"])).lines() == []
-
-
 def test_what_was_written_to_keep_is_carried_out_by_its_rules(tmp_path):
     table = {"id": [1, 2, 3, 4], "verdict": ["bad", "good", "bad", "open"], "label": ["bad", "", "", ""]}
     for asked in (Asked(spared={"1"}, faulty={"4"}), Asked(faulty={"2"}), Asked(spared={"1", "3", "9"})):
@@ -287,3 +257,24 @@ def test_a_list_to_keep_that_is_none_is_refused(tmp_path):
         path.write_text(json.dumps({"episodes": episodes, "rejected": rejected}))
         with pytest.raises(DataError, match=r"keep\.json"):
             read_verdicts(path, [1])
+
+
+@pytest.mark.parametrize(
+    ("asked", "ids"),
+    [
+        ({}, "acde"),
+        ({"share": 0.8}, "acde"),
+        ({"share": 0.6}, "acd"),
+        ({"share": 0.01}, "a"),
+        ({"share": 1}, "abcde"),
+        ({"at_least": 0.6}, "acde"),
+        ({"at_least": 0.991}, ""),
+        ({"ignored": {"answers"}}, "abcde"),
+        ({"faulty": {"a", "b"}}, "cde"),
+        ({"share": 0.6, "faulty": {"a"}}, "cd"),
+    ],
+)
+def test_choice(asked, ids):
+    choice = choose(TABLE, Asked(**asked))
+    assert list(choice.kept) == [*ids]
+    assert sorted([*choice.kept, *itertools.chain(*choice.rejected.values())]) == TABLE["id"], "each is named once"

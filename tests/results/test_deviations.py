@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
@@ -13,59 +11,41 @@ import pytest
 from audits import make_audit
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
-from rpil.inference.outliers import Claims
 from rpil.inference.settings import HeldOutSettings
-from rpil.inference.trust import Judgement
-from rpil.results.evidence import MAX_STEPS, StepEvidence, by_final_policy, deviations
+from rpil.results.evidence import MAX_STEPS, StepEvidence, deviations
 
 RATIO = np.ones(80)
 RATIO[50:56] = -2.0
 AUDIT = make_audit(("open", "outlier"), step_log_ratio=RATIO, lengths=[40, 40])
 
 
-def judged_below(m: int, n: int) -> Judgement:
-    """What is read of a judgement: demonstration `m` of `n` differs from the rest."""
-    return cast(Judgement, SimpleNamespace(claims=Claims("outliers", np.arange(n) == m)))
-
-
-def compared(actions: np.ndarray, names: tuple[str, ...] = ()) -> StepEvidence:
-    """Discrete actions, or continuous ones beside a policy with the mean 0."""
+def compared(actions: np.ndarray, names: tuple[str, ...] = (), proba: np.ndarray | None = None) -> StepEvidence:
+    """Discrete actions with a probability of 0.3, or `proba`; or continuous ones beside a policy with the mean 0."""
     n_parts = actions.shape[1] if actions.ndim > 1 else 0
     space = Box(np.full(n_parts, -99.0), np.full(n_parts, 99.0)) if n_parts else Discrete(3)
     offsets, labels = np.array([0, len(actions) // 2, len(actions)]), np.zeros(2, dtype=int)
     data = FitData(np.ones((len(actions), 1)), actions, offsets, space, labels, action_names=names)
-
-    def outputs(rows: np.ndarray) -> np.ndarray:
-        return np.zeros((len(rows), n_parts)) if n_parts else np.log(np.full((len(rows), 3), 1 / 3))
-
-    return by_final_policy(replace(AUDIT, offsets=offsets), judged_below(1, 2), data, outputs, HeldOutSettings())
+    chance = np.full(len(actions), 0.3) if proba is None else proba
+    expected = np.zeros((len(actions), n_parts)) if n_parts else np.log(chance)
+    return StepEvidence.of(data, np.arange(2), expected, np.array([True, False]), HeldOutSettings())
 
 
-def test_most_frequent_other_action_is_named_with_the_action_of_the_trusted() -> None:
+def test_most_frequent_action_that_the_trusted_mostly_do_not_take_is_named() -> None:
     actions = np.zeros(80, dtype=int)
     actions[50:54] = 2
-
-    def outputs(rows: np.ndarray) -> np.ndarray:
-        np.testing.assert_array_equal(np.sort(rows), np.arange(50, 56))
-        return np.log(np.tile([0.2, 0.7, 0.1], (len(rows), 1)))
-
-    phrases = deviations(AUDIT, compared(actions), np.array(["left", "none", "right"]), outputs)
-    assert phrases == ("", "it takes action right where others most likely take none (4 of its 6 worst steps)")
+    proba = np.where(actions == 2, 0.1, 0.8)
+    phrases = deviations(AUDIT, compared(actions, proba=proba), np.array(["left", "none", "right"]))
+    assert phrases == ("", "it takes action right where others mostly take another (4 of its 6 worst steps)")
     assert replace(AUDIT, deviations=phrases).reasons[1].endswith(f": {phrases[1]}.")
 
 
 def test_actions_that_the_trusted_take_too_are_no_deviation() -> None:
     actions = np.zeros(80, dtype=int)
-    phrases = deviations(AUDIT, compared(actions), np.arange(2), lambda rows: np.log([[0.9, 0.1]] * len(rows)))
-    assert phrases == ("", "")
-
-
-def no_outputs(rows: np.ndarray) -> np.ndarray:
-    raise AssertionError
+    assert deviations(AUDIT, compared(actions, proba=np.full(80, 0.9)), np.arange(2)) == ("", "")
 
 
 def phrase_of(actions: np.ndarray, names: tuple[str, ...] = ()) -> str:
-    return deviations(AUDIT, compared(actions, names), np.empty(0), no_outputs)[1]
+    return deviations(AUDIT, compared(actions, names), np.empty(0))[1]
 
 
 def test_part_with_most_of_the_evidence_is_named_with_its_value_beside_the_band_of_the_trusted() -> None:
@@ -92,10 +72,9 @@ def test_a_part_that_moves_in_the_others_alone_is_named_first(still: float) -> N
     box = Box(np.full(2, -99.0), np.full(2, 99.0))
     data = FitData(np.ones((120, 1)), actions, offsets, box, labels, action_names=("arm", "elbow"))
     audit = make_audit(("open", "open", "outlier"), step_log_ratio=np.append(np.ones(40), RATIO), lengths=[40, 40, 40])
-    evidence = by_final_policy(
-        audit, judged_below(2, 3), data, lambda rows: np.zeros((len(rows), 2)), HeldOutSettings()
-    )
-    phrases = deviations(audit, evidence, np.empty(0), no_outputs)
+    rest = np.array([True, True, False])
+    evidence = StepEvidence.of(data, np.arange(3), np.zeros((120, 2)), rest, HeldOutSettings())
+    phrases = deviations(audit, evidence, np.empty(0))
     assert phrases == ("", "", f"elbow stays at {still:g}, and moves in the others")
 
 
@@ -121,14 +100,7 @@ def test_what_stays_within_the_band_is_no_deviation() -> None:
 def test_no_more_than_the_worst_steps_of_a_long_stretch_are_compared() -> None:
     ratio = np.concatenate([np.ones(50), -np.linspace(1, 2, 50)])
     audit = make_audit(("open", "outlier"), step_log_ratio=ratio, lengths=[50, 50])
-    asked = []
-
-    def outputs(rows: np.ndarray) -> np.ndarray:
-        asked.extend(rows.tolist())
-        return np.log([[0.9, 0.1]] * len(rows))
-
-    _, phrase = deviations(audit, compared(np.ones(100, dtype=int)), np.arange(2), outputs)
-    assert sorted(asked) == list(range(100 - MAX_STEPS, 100))
+    _, phrase = deviations(audit, compared(np.ones(100, dtype=int)), np.arange(2))
     assert f"{MAX_STEPS} of its {MAX_STEPS} worst steps" in phrase
 
 
@@ -137,4 +109,4 @@ def test_no_more_than_the_worst_steps_of_a_long_stretch_are_compared() -> None:
     [{"finding": "no outliers"}, {"anchor": "answers", "finding": "answered", "verdicts": ("open", "bad")}],
 )
 def test_without_trusted_demonstrations_nothing_is_compared(changes: dict[str, object]) -> None:
-    assert deviations(replace(AUDIT, **changes), compared(np.ones(80, dtype=int)), np.arange(2), no_outputs) == ()
+    assert deviations(replace(AUDIT, **changes), compared(np.ones(80, dtype=int)), np.arange(2)) == ()

@@ -27,14 +27,9 @@ def test_packed_curves_share_a_scale_and_keep_what_is_missing():
     assert (curves["from"], curves["to"]) == (-10.0, 10.0)
 
 
-@pytest.mark.parametrize("values", [np.full(3, 4.0), np.full(3, np.nan)])
-def test_a_curve_that_is_flat_or_not_known_is_packed(values):
-    np.testing.assert_array_equal(unpacked(packed({"one": values}), "one"), values)
-
-
 def test_drawing_has_the_steps_of_its_demonstration():
     part = TracedPart("elbow", 0.61234, -321.987654, np.arange(400.0), np.full(400, -1.0), np.full(400, 2000.0))
-    traces = {1: Traces((part,), compared_with="trusted")}
+    traces = {1: Traces((part,))}
     audit = make_audit(("open", "outlier"), lengths=[40, 1200], traces=traces)
     drawn = drawings(audit, [1])["1"]
     ratio, trust = audit.step_log_ratio[40:].reshape(400, 3), audit.step_trust(1).reshape(400, 3)
@@ -44,7 +39,6 @@ def test_drawing_has_the_steps_of_its_demonstration():
     np.testing.assert_allclose(unpacked(drawn["trust"], "mean"), trust.mean(1), atol=1 / LEVELS)
     (part,) = drawn["parts"]
     assert (part["name"], part["share"], part["nats"]) == ("elbow", 0.6123, -321.988)
-    assert drawn["compared_with"] == "trusted"
     np.testing.assert_allclose(unpacked(part, "value"), np.arange(400.0), atol=2001 / LEVELS)
     np.testing.assert_allclose(unpacked(part, "high"), 2000, atol=1)
     assert drawings(audit, [0])["0"]["parts"] == []
@@ -67,3 +61,8 @@ def test_of_very_many_discrete_actions_the_most_frequent_are_named():
     shown = [taken["names"][code] if code < NO_VALUE else None for code in codes]
     assert all(name in (None, action) for name, action in zip(shown, actions, strict=True))
     assert None not in shown[100:200]
+
+
+@pytest.mark.parametrize("values", [np.full(3, 4.0), np.full(3, np.nan)])
+def test_a_curve_that_is_flat_or_not_known_is_packed(values):
+    np.testing.assert_array_equal(unpacked(packed({"one": values}), "one"), values)

@@ -90,20 +90,6 @@ def test_how_two_groups_differ():
 
 
 @pytest.mark.parametrize(
-    ("channel", "sign", "phrase"),
-    [
-        ("length", -1, "is shorter (median 10 against 4 steps)"),
-        ("motion", -1, "pauses more"),
-        ("smoothness", 1, "is smoother"),
-        ("smoothness", -1, "is less smooth"),
-        ("short_path", 1, "has a shorter path"),
-    ],
-)
-def test_directions_of_facts(channel, sign, phrase):
-    assert differ(**{channel: sign * UP}) == f"B {phrase}"
-
-
-@pytest.mark.parametrize(
     ("groups", "values"),
     [
         (GROUPS, [0, 2, 4, 6, 8, 10, 12, 13, 1, 3, 5, 7, 9, 11]),
@@ -115,3 +101,17 @@ def test_directions_of_facts(channel, sign, phrase):
 def test_what_may_be_chance_or_is_small_is_not_said(groups, values):
     found = groups_differ(groups, columns(len(values), length=values), np.arange(len(values)))
     assert found == ("The two groups: in length, pauses, smoothness and path they hardly differ.",)
+
+
+@pytest.mark.parametrize(
+    ("channel", "sign", "phrase"),
+    [
+        ("length", -1, "is shorter (median 10 against 4 steps)"),
+        ("motion", -1, "pauses more"),
+        ("smoothness", 1, "is smoother"),
+        ("smoothness", -1, "is less smooth"),
+        ("short_path", 1, "has a shorter path"),
+    ],
+)
+def test_directions_of_facts(channel, sign, phrase):
+    assert differ(**{channel: sign * UP}) == f"B {phrase}"

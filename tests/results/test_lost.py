@@ -82,14 +82,6 @@ def test_nothing_is_said_where_nothing_is_left_out_or_too_few_are_kept():
     assert lost_places(demonstrations, []) == ()
 
 
-def test_ids_are_compared_as_text_and_many_are_cut_short():
-    rng = np.random.default_rng(9)
-    starts = np.vstack([usual_starts(30, rng), np.array([[0.0, 9.0]]) + 0.1 * rng.normal(size=(8, 2))])
-    (found,) = lost_places(reaches(starts, rng), [str(m) for m in range(30)])
-    assert found.startswith("No kept demonstration starts with obs.3 above 0.")
-    assert found.endswith("; 30, 31, 32, 33, 34 and 3 more do.")
-
-
 @pytest.mark.parametrize(
     ("scale", "offset", "kind"), [(1, 0, np.float64), (10, 1234.4, np.float32), (0.1, 5e6, np.float64)]
 )
@@ -109,22 +101,9 @@ def test_no_kept_one_is_beyond_the_bound_and_each_that_is_named_is(scale, offset
         assert all(sign * first[int(name)] > sign * float(bound) for name in who.split(" and "))
 
 
-def test_states_in_a_hole_are_named_without_an_observation():
-    rng = np.random.default_rng(12)
-    angle = np.linspace(0, 2 * np.pi, 40)
-    circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    episodes = [(circle + 0.01 * rng.normal(size=(40, 2)), np.zeros(40, int)) for _ in range(12)]
-    inside = np.where(np.arange(40)[:, None] == 0, circle, 0.05 * circle)
-    found = lost_places(Demonstrations.from_episodes([*episodes, (inside, np.zeros(40, int))]), range(12))
-    assert found == ("No kept demonstration comes near half of the states of 12.",)
-
-
-@pytest.mark.parametrize("shift", [60, -60])
-def test_whole_numbers_without_a_sign(shift):
-    rng = np.random.default_rng(13)
-    rows = [rng.integers(100, 120, size=(20, 3)) + shift * (m == 11) for m in range(12)]
-    signed, unsigned = (
-        Demonstrations.from_episodes([(row.astype(kind), np.zeros(20, int)) for row in rows])
-        for kind in (np.int64, np.uint8)
-    )
-    assert lost_places(unsigned, range(11)) == lost_places(signed, range(11)) != ()
+def test_ids_are_compared_as_text_and_many_are_cut_short():
+    rng = np.random.default_rng(9)
+    starts = np.vstack([usual_starts(30, rng), np.array([[0.0, 9.0]]) + 0.1 * rng.normal(size=(8, 2))])
+    (found,) = lost_places(reaches(starts, rng), [str(m) for m in range(30)])
+    assert found.startswith("No kept demonstration starts with obs.3 above 0.")
+    assert found.endswith("; 30, 31, 32, 33, 34 and 3 more do.")

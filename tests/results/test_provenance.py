@@ -14,8 +14,8 @@ from audits import make_audit
 from rpil.estimators.settings import Settings
 from rpil.inference.settings import JudgeSettings, OutlierSettings
 from rpil.results import provenance
+from rpil.results.choice import write_kept, write_verdicts
 from rpil.results.provenance import Provenance, changed_settings, digest
-from rpil.results.verdict_table import verdict_columns, write_kept, write_verdicts
 
 
 def test_a_file_has_the_digest_that_every_tool_computes(tmp_path):
@@ -73,7 +73,7 @@ def test_outputs_carry_it_and_the_run_does_not_depend_on_it(tmp_path):
     audit = replace(bare, provenance=made)
     assert audit.run_id == bare.run_id
     expected = json.loads(json.dumps(audit.provenance.to_dict()))
-    write_verdicts(tmp_path / "v.parquet", audit, verdict_columns(audit, {}))
+    write_verdicts(tmp_path / "v.parquet", audit, audit.table({}))
     assert json.loads(pq.read_schema(tmp_path / "v.parquet").metadata[b"rpil.provenance"]) == expected
     write_kept(tmp_path / "k.json", audit, audit.choice)
     assert json.loads((tmp_path / "k.json").read_text())["provenance"] == expected

@@ -93,13 +93,6 @@ def test_answers_about_others_are_the_reason_for_a_demonstration_without_one() -
     )
 
 
-def test_beside_outliers_a_reason_is_the_place_in_the_ranking() -> None:
-    audit = make_audit(
-        (*("open",) * 4, "outlier"), log_odds=np.array([1.0, 2, 3, 4, 0]), **NO_STRETCH | {"lengths": [8] * 5}
-    )
-    assert audit.reasons[:4] == tuple(f"{fifth} of the ranking." for fifth in FIFTHS[1:])
-
-
 def test_without_outliers_a_reason_is_the_place_in_the_ranking() -> None:
     audit = make_audit(
         ("open",) * 5, finding="no outliers", log_odds=np.arange(5.0), **NO_STRETCH | {"lengths": [8] * 5}
@@ -124,11 +117,3 @@ def test_competing_groups_wait_for_a_label(finding: str) -> None:
 def test_a_named_adversary_is_named_in_reasons() -> None:
     audit = make_audit(("expert", "adversary"), anchor="named adversary", finding="mixture", **NO_STRETCH)
     assert audit.reasons == ("Acts like the expert.", "Acts like the adversary.")
-
-
-def test_impossible_steps_do_not_make_a_reason_infinite() -> None:
-    ratio = np.ones(40)
-    ratio[30] = -np.inf
-    reason = make_audit(("open", "outlier"), step_log_ratio=ratio, lengths=[20, 20]).reasons[1]
-    assert "inf" not in reason
-    assert "at step 10" in reason

@@ -33,7 +33,7 @@ def test_a_frame_has_demonstrators_and_sessions_where_they_are_known():
     changes = {"demonstrators": who, "sessions": ("mon", "mon", "tue"), "log_odds": np.arange(3.0)}
     table = make_audit(("open",) * 3, **changes).to_frame("pyarrow")
     assert table["demonstrator"].to_pylist() == ["ann", "bob", "ann"]
-    assert table["session"].to_pylist() == ["mon", "mon", "tue"]
+    assert table["fact_session"].to_pylist() == ["mon", "mon", "tue"]
 
 
 @pytest.mark.parametrize("backend", ["pandas", "polars"])

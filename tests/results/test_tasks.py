@@ -10,7 +10,7 @@ from rpil.estimators.within_tasks import split_by_task
 from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
 from rpil.results.judged import ALONE
-from rpil.results.record import Demonstrator, Interval
+from rpil.results.record import Interval
 from rpil.results.tasks import join_audits, with_labels_alone
 
 IDS, NAN = (0, "a", 1, "b", "c"), np.nan
@@ -63,21 +63,6 @@ def test_bad_ones_are_kept_until_the_answers_of_their_own_task_contrast(labels, 
     assert len(joined(*parts).choice.kept) == n_kept
     other = replace(parts[1], identifiable=False)
     assert joined(parts[0], other).choice == joined(*parts).choice, "the groups of one task say nothing of another"
-
-
-def test_without_any_audit_nothing_is_known():
-    audit = join_audits({}, {"a": [0], "b": [1]}, ["x", "y"], np.array([0, 2, 5]))
-    assert audit.finding == "nothing could be learned"
-    assert audit.verdicts == ("open", "open")
-    assert audit.to_dict()["n_steps"] == 5
-
-
-def test_copies_and_notes_keep_their_tasks():
-    same = "One demonstration is a copy of 1 other: each is judged once."
-    copies = {"copy_of": np.array([0, 0]), "notes": (same,)}
-    audit = joined(copies | {"notes": (same, "Part 3 rests.")}, copies)
-    assert audit.copy_of.tolist() == [0, 1, 0, 1, 4]
-    assert audit.notes == (same, "one: Part 3 rests.")
 
 
 def test_what_was_said_before_any_answer_and_columns_stay_with_their_tasks():
@@ -138,14 +123,6 @@ def test_the_finding_that_says_most_and_an_anchor_that_all_share():
     assert joined({"anchor": "answers"}, {}).anchor == "none"
 
 
-def test_demonstrators_doubts_and_contradictions_of_all_tasks():
-    who = [Demonstrator(name, None, (first,)) for name, first in (("Ann", 0), ("Bob", "b"))]
-    one = {"demonstrators": (who[0],), "doubts": ("Few.", "Slow."), "contradicting": (1,), "adversary": "fitted"}
-    audit = joined(one, {"demonstrators": (who[1],), "doubts": ("Few.", "Late."), "contradicting": ("a",)})
-    assert audit.demonstrators == tuple(who)
-    assert (audit.doubts, audit.contradicting, audit.adversary) == (("Few.", "Slow.", "Late."), (1, "a"), "fitted")
-
-
 def test_the_prior_is_the_mean_over_demonstrations():
     one = make_audit(("open",), lengths=[1], prior=Interval(0.1, 0.0, 0.2))
     three = make_audit(("open",) * 3, lengths=[1] * 3, prior=Interval(0.5, 0.4, 0.8))
@@ -181,6 +158,7 @@ def test_a_demonstration_that_is_alone_has_the_word_of_its_label_and_as_certain_
     assert audit.step_weight[8:] == pytest.approx([1.0 if not sign else audit.expert_proba[4]] * 2)
     assert (audit.verdicts[4], audit.reasons[4]) == ((label, f"Labelled {label}.") if sign else ("open", ALONE))
     assert audit.answers.labels.tolist() == [1, 0, 0, 0, sign]
+    assert audit.rejected_by[4] == ("labels" if sign < 0 else "")
     for name in ("log_odds", "from_label", "expert_proba", "verdicts", "reasons"):  # those of tasks stay
         assert list(getattr(audit, name)[:4]) == list(getattr(before, name)[:4])
     np.testing.assert_array_equal(audit.step_weight[:8], before.step_weight[:8])

@@ -28,13 +28,13 @@ def demonstrations(kind="random", seed=0, n_good=80, n_bad=40, maker=make):
 
 def test_a_step_weighs_what_its_demonstration_does():
     toy, data = demonstrations("noisy")
-    model, problem = small_rpil().fit(data), fit_data_of(toy)
-    problem = replace(problem, features=model.judge_features_.design(data.observations))
-    weigh = StepWeights.of(model.audit_, JudgedSample(problem, np.arange(120), None, model.judge_), SETTINGS)
+    audit, problem = small_rpil().fit(data).audit_, fit_data_of(toy)
+    judged = FittedJudge.of(judge(problem, held_out_model(problem, SETTINGS.held_out), SETTINGS), problem, SETTINGS)
+    weigh = StepWeights.of(audit, JudgedSample(problem, np.arange(120), None, judged), SETTINGS)
     log_ratio, weight = weigh.steps(problem, slice(0, 120))
-    expected = model.judge_.ratio.step_ratios(problem.features, problem.actions, SETTINGS.held_out)[1]
+    expected = judged.ratio.step_ratios(problem.features, problem.actions, SETTINGS.held_out)[1]
     np.testing.assert_array_equal(log_ratio, expected)
-    np.testing.assert_array_equal(weight, np.repeat(of_demonstrations(model.audit_), data.lengths))
+    np.testing.assert_array_equal(weight, np.repeat(of_demonstrations(audit), data.lengths))
 
 
 def of_sample(kind, indices):

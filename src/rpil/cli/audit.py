@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import audit_data, check_paths, look_for_faults, read_data
+from rpil.cli.commands import check_paths, judge, look_for_faults
 from rpil.cli.label import LABELS_FILE
 from rpil.cli.options import (
     CHOICE_NAMES,
@@ -24,7 +24,7 @@ from rpil.cli.options import (
 )
 from rpil.cli.outputs import OUTPUTS, choice_asked, lines_after_output, tell_if_too_many, write_outputs
 from rpil.cli.printed_audit import head_lines, next_steps, print_audit
-from rpil.cli.progress import show_stages
+from rpil.cli.terminal import show_stages
 
 if TYPE_CHECKING:
     from rpil.results.record import Audit
@@ -85,9 +85,8 @@ def audit(
             from rpil.formats.registry import find
 
             find(file).check_annotate(outputs["annotate"])
-        recording, reference = read_data(file, given, progress)
-        run = audit_data(file, recording, reference, given, progress)
-        faults = look_for_faults(recording, progress, rules=given.without_faults)
+        run = judge(file, given, progress)
+        recording, faults = run.recording, look_for_faults(run.recording, progress, rules=given.without_faults)
         run = replace(run, faults=faults, asked=choice_asked(given, faults) if outputs["keep"] else None)
         write_outputs(outputs, run, progress)
     result = run.audit

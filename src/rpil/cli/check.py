@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import check_paths, open_with_missing, tell_of_set_aside
+from rpil.cli.commands import check_paths, open_recording, tell_of_set_aside
 from rpil.cli.options import (
     COLUMN_OPTIONS,
     OutputFile,
@@ -17,7 +17,7 @@ from rpil.cli.options import (
     quiet_option,
     with_options,
 )
-from rpil.cli.progress import show_stages
+from rpil.cli.terminal import show_stages
 from rpil.data.text import MAX_IDS, listed, printable
 
 if TYPE_CHECKING:
@@ -61,8 +61,9 @@ def check(
 
         columns, fatal = pop_columns(options, guess=fail_on is None), _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
-        damage = replace(columns, skip_bad=columns.skip_bad and "damage")  # alone: missing values are findings
-        read = open_with_missing(file, damage, progress)
+        # Missing values are findings, and damage alone is skipped.
+        damage = replace(columns, skip_bad=columns.skip_bad and "damage", allow_missing=True)
+        read = open_recording(file, damage, progress)
         progress("checking the steps, and looking at the videos" if options["video"] else "checking")
         looks = {"fps": options["fps"], "video": options["video"]}
         report = find_faults(read, expected=suppressed, skip_bad=bool(columns.skip_bad), **looks)

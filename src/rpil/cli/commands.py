@@ -16,10 +16,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 from click.core import ParameterSource
 
-from rpil.cli import INTERRUPTED
 from rpil.cli.options import RunOptions, Value, command_words
-from rpil.cli.progress import LOADING, StageProgress
-from rpil.cli.terminal import print_warnings, to_one_line
+from rpil.cli.terminal import LOADING, StageProgress, print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath
 
@@ -48,7 +46,7 @@ class Commands(click.Group):
             with print_warnings():
                 code = run(*args, standalone_mode=False, **more)
         except click.Abort:
-            _exit_with_error("interrupted.", INTERRUPTED)
+            _exit_with_error("interrupted.", 130)  # as shells have it
         except SystemExit as error:  # of click, where nobody reads stdout any more, with the 1 of faults found
             sys.exit(2 if error.code == 1 else error.code)
         except click.UsageError as error:
@@ -105,30 +103,9 @@ def open_recording(
         for name, guess in recording.columns.guessed.items():  # so that the commands that are printed have it
             ctx.params[name] = guess if name == "id" else (guess,)
             ctx.set_parameter_source(name, ParameterSource.COMMANDLINE)
+    if columns.allow_missing:
+        recording.demonstrations  # noqa: B018  # are read here
     return recording
-
-
-def open_with_missing(file: str, columns: ColumnOptions, progress: StageProgress) -> Recording:
-    """The recording in a file, read, of whose demonstrations some may have missing values."""
-    recording = open_recording(file, replace(columns, allow_missing=True), progress)
-    recording.demonstrations  # noqa: B018  # are read here
-    return recording
-
-
-def read_data(file: str, options: RunOptions, progress: StageProgress) -> tuple[Recording, Recording | None]:
-    """The recording in `file`, and that of the good demonstrations at --reference, which is read by the same columns.
-
-    With a reference the data are read into memory.
-    """
-    reference = options.reference
-    recording = open_recording(file, options.columns, progress, None if reference is None else False)
-    if reference is None:
-        return recording, None
-    if os.path.realpath(reference) == os.path.realpath(file):
-        raise DataError(f"{reference}: the reference is the data themselves; give other demonstrations.")
-    named: dict[str, Value] = {**recording.columns.guessed, "guess": False}
-    columns = replace(options.columns, only=(), without=(), **named)  # without ids of the data
-    return recording, open_recording(reference, columns, progress, False)
 
 
 def tell_of_set_aside(recording: Recording) -> None:
@@ -154,10 +131,9 @@ class AuditRun:
     @cached_property
     def choice(self) -> Choice:
         """Those to keep, and why the others are not."""
-        from rpil.results.choice import Asked
-        from rpil.results.verdict_table import choice_of
+        from rpil.results.choice import Asked, choose
 
-        return choice_of(self.audit, self.asked or Asked())
+        return choose(self.audit.table(), self.asked or Asked())
 
     @cached_property
     def lost(self) -> tuple[str, ...]:
@@ -167,22 +143,27 @@ class AuditRun:
         return lost_places(self.recording.demonstrations, self.choice.kept)
 
 
-def audit_data(
-    file: str, recording: Recording, reference: Recording | None, options: RunOptions, progress: StageProgress
-) -> AuditRun:
-    """Judge the demonstrations in `file` within their tasks and sessions, beside those of a `reference`."""
+def judge(file: str, given: RunOptions, progress: StageProgress) -> AuditRun:
+    """Judge the demonstrations in `file` within their tasks and sessions, beside those of the --reference, which is
+    read by the same columns; then the data are read into memory."""
+    columns, reference = given.columns, given.reference
+    recording, beside = open_recording(file, columns, progress, None if reference is None else False), None
+    if reference is not None:
+        if os.path.realpath(reference) == os.path.realpath(file):
+            raise DataError(f"{reference}: the reference is the data themselves; give other demonstrations.")
+        named: dict[str, Value] = {**recording.columns.guessed, "guess": False}  # without ids of the data
+        beside = open_recording(reference, replace(columns, only=(), without=(), **named), progress, False)
     progress(LOADING)
     from rpil.estimators.auditing import JUDGE_FEATURES, audit_recording
     from rpil.estimators.pipeline import FitOptions
     from rpil.estimators.settings import Settings
+    from rpil.estimators.within_tasks import Statements
 
-    stated = options.stated(recording, reference)
-    features = JUDGE_FEATURES if options.features == "auto" else options.features  # no policy is kept
-    ctx = click.get_current_context()
+    stated, ctx = Statements.of(recording, given.labels, None, reference=beside), click.get_current_context()
+    features = JUDGE_FEATURES if given.features == "auto" else given.features  # no policy is kept
     command = shlex.join(command_words(ctx, str(ctx.info_name), without=("quiet",)))
-    chosen = FitOptions(features, options.adversary, options.seed, ctx.obj or Settings(), progress)
-    files = options.labels, options.reference, *options.columns.files
-    audit = audit_recording(recording, stated, chosen, file, command, files)
+    chosen = FitOptions(features, given.adversary, given.seed, ctx.obj or Settings(), progress)
+    audit = audit_recording(recording, stated, chosen, file, command, (given.labels, reference, *columns.files))
     return AuditRun(audit, file, recording, {name: str(who) for name, who in stated.demonstrators.items()})
 
 

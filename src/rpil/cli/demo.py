@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.resources import as_file, files
 
 import numpy as np
@@ -13,6 +13,7 @@ from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath
+from rpil.estimators.auditing import audit
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
 from rpil.numerics.types import Array, Float, Shaped
@@ -36,49 +37,19 @@ POLICY_NAMES = {"trust_all": "Trust all", "rpil": "R-PIL", "oracle": "Oracle", "
 
 @dataclass(frozen=True, eq=False)
 class DemoResult:
-    """Both audits, beside the truth."""
+    """The audits of real people and of the lander, what compares them with the truth, and the returns of the policies
+    `POLICY_NAMES`, if any has flown."""
 
     people: Audit
-    """Of real people."""
-    auroc: float
-    """Of the log-odds, between the best and the worst third by a score."""
-    auroc_ci95: tuple[float, float]
-    """Its bootstrap interval."""
-    spearman: float
-    """Rank correlation of the log-odds with the score of all people."""
     lander: Audit
-    wrong_verdicts: int
-    """Corrupted demonstrations of the lander that are no outliers, and others that are."""
-    returns: dict[str, Returns] = field(default_factory=dict)
-    """Of the policies `POLICY_NAMES`, or empty."""
-    not_played: str = ""
-    """Why there are no returns, and what to install."""
-
-    def sentences(self) -> list[str]:
-        """The results for the terminal: of the people, of the lander, and of its policies."""
-        low, high = self.auroc_ci95
-        flown = f"No policy has flown. {self.not_played}"
-        if self.returns:
-            means = (
-                f"{POLICY_NAMES[name]} {played.mean:.0f} ({played.ci95[0]:.0f} to {played.ci95[1]:.0f})"
-                for name, played in self.returns.items()
-            )
-            n_episodes = len(self.returns["rpil"].returns)
-            flown = f"Mean return over {n_episodes} landings (95 % interval): {', '.join(means)}."
-        return [
-            f"Overcooked, {len(self.people.ids)} real people: {self.people.finding}. Agreement of the ranking with a "
-            f"score that it did not see: AUROC {self.auroc:.2f} (95 % interval {low:.2f} to {high:.2f}, the best "
-            f"third against the worst), Spearman {self.spearman:.2f}.",
-            f"LunarLander, 10 expert and 10 corrupted demonstrations: {self.lander.finding}. "
-            f"{self.wrong_verdicts} of {len(self.lander.ids)} verdicts wrong.",
-            flown,
-        ]
+    sentences: tuple[str, ...]
+    returns: dict[str, Returns]
 
     def write_report(self, path: StrPath) -> None:
-        """Write the audit of the people, and both comparisons with the truth, to `path` as one HTML file."""
-        people, lander, flown = self.sentences()
-        sections = ("Compared with the truth", people), ("A second set", lander), ("Returns of the policies", flown)
-        write_page(path, make_view(self.people, About("Overcooked: real people", "cramped_room")), sections)
+        """Write the audit of the people, and all comparisons with the truth, to `path` as one HTML file."""
+        titles = "Compared with the truth", "A second set", "Returns of the policies"
+        view = make_view(self.people, About("Overcooked: real people", "cramped_room"))
+        write_page(path, view, tuple(zip(titles, self.sentences, strict=True)))
 
 
 def run(*, episodes: int = 100, seed: int = 0, progress: Callable[[str], None] = lambda _: None) -> DemoResult:
@@ -90,25 +61,42 @@ def run(*, episodes: int = 100, seed: int = 0, progress: Callable[[str], None] =
     if episodes < 2:
         raise DataError(f"The demo needs two landings or more for an interval, not {episodes}: raise episodes.")
 
-    def fitted(name: str, data: Demonstrations, features: str) -> RPIL:
-        return RPIL(features, random_state=seed, progress=lambda stage: progress(f"{name}: {stage}")).fit(data)
+    def shown(name: str) -> Callable[[str], None]:
+        return lambda stage: progress(f"{name}: {stage}")
 
-    people = fitted("Overcooked", load_demonstrations(OVERCOOKED), "raw").audit_
+    people = audit(load_demonstrations(OVERCOOKED), random_state=seed, progress=shown("Overcooked"))
     is_better = load_truth(OVERCOOKED, "is_good")
     sides = people.log_odds[is_better == 1], people.log_odds[is_better == 0]
-    rng = np.random.default_rng(seed)
-    interval = bootstrap(sides, auroc, method="percentile", random_state=rng)
+    interval = bootstrap(sides, auroc, method="percentile", random_state=np.random.default_rng(seed))
+    low, high = interval.confidence_interval
+    spearman = spearmanr(people.log_odds, load_truth(OVERCOOKED, "episode_quality")).statistic
     data = load_demonstrations(LUNARLANDER)
-    model = fitted("LunarLander", data, LANDER_FEATURES)
+    model = RPIL(LANDER_FEATURES, random_state=seed, progress=shown("LunarLander")).fit(data)
     is_good = load_truth(LUNARLANDER, "is_good") == 1
+    is_lower = np.array([SIDES[verdict] == "lower" for verdict in model.audit_.verdicts])
     policies: dict[str, Player] = {
         "trust_all": BehavioralCloning(LANDER_FEATURES).fit(data),
         "rpil": model,
         "oracle": BehavioralCloning(LANDER_FEATURES).fit(data.select(is_good)),
         "expert": expert(LANDER_ENV),
     }
+    returns, flown = fly(policies, episodes, seed, progress)
+    sentences = (
+        f"Overcooked, {len(people.ids)} real people: {people.finding}. Agreement of the ranking with a score that it "
+        f"did not see: AUROC {auroc(*sides):.2f} (95 % interval {low:.2f} to {high:.2f}, the best third against the "
+        f"worst), Spearman {spearman:.2f}.",
+        f"LunarLander, 10 expert and 10 corrupted demonstrations: {model.audit_.finding}. "
+        f"{(is_lower == is_good).sum()} of {len(is_good)} verdicts wrong.",
+        flown,
+    )
+    return DemoResult(people, model.audit_, sentences, returns)
+
+
+def fly(
+    policies: dict[str, Player], episodes: int, seed: int, progress: Callable[[str], None]
+) -> tuple[dict[str, Returns], str]:
+    """The returns of each policy, and a sentence on their means; or nothing, and why."""
     returns: dict[str, Returns] = {}
-    not_played = ""
     try:
         for name, policy in policies.items():
             lands = f"LunarLander: {POLICY_NAMES[name]} lands"
@@ -118,18 +106,10 @@ def run(*, episodes: int = 100, seed: int = 0, progress: Callable[[str], None] =
 
             returns[name] = rollout(policy, LANDER_ENV, n_episodes=episodes, seed=seed, progress=count)
     except MissingExtraError as error:
-        not_played = str(error)
-    verdicts = np.array([SIDES[verdict] for verdict in model.audit_.verdicts])
-    return DemoResult(
-        people=people,
-        auroc=float(auroc(*sides)),
-        auroc_ci95=(float(interval.confidence_interval.low), float(interval.confidence_interval.high)),
-        spearman=float(spearmanr(people.log_odds, load_truth(OVERCOOKED, "episode_quality")).statistic),
-        lander=model.audit_,
-        wrong_verdicts=int(((verdicts == "lower") == (is_good > 0)).sum()),
-        returns=returns,
-        not_played=not_played,
-    )
+        return {}, f"No policy has flown. {error}"
+    intervals = ((POLICY_NAMES[name], one.mean, *one.ci95) for name, one in returns.items())
+    means = ", ".join(f"{name} {mean:.0f} ({low:.0f} to {high:.0f})" for name, mean, low, high in intervals)
+    return returns, f"Mean return over {episodes} landings (95 % interval): {means}."
 
 
 def load_demonstrations(name: str) -> Demonstrations:

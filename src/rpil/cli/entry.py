@@ -1,10 +1,8 @@
-"""The shell starts this as ``rpil``; an interruption ends in one sentence."""
+"""The shell starts this as ``rpil``."""
 
 import faulthandler
 import os
 import sys
-
-from rpil.cli import INTERRUPTED
 
 
 class WithoutPandas:
@@ -28,10 +26,6 @@ def main() -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:  # it is closed: a file that is opened would take its place
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115
-    try:
-        from rpil.cli.main import main as command
+    from rpil.cli.main import main as command
 
-        command(prog_name="rpil")  # also as python -m rpil
-    except KeyboardInterrupt:  # click ends one that comes later
-        print("rpil: interrupted.", file=sys.stderr)
-        sys.exit(INTERRUPTED)
+    command(prog_name="rpil")  # also as python -m rpil

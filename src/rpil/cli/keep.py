@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Sequence
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from rpil.cli.commands import (
-    audit_data,
     check_paths,
+    judge,
     look_for_faults,
     open_recording,
-    open_with_missing,
-    read_data,
     tell_of_set_aside,
 )
 from rpil.cli.options import (
@@ -23,26 +20,19 @@ from rpil.cli.options import (
     COLUMN_OPTIONS,
     JUDGE_OPTIONS,
     RunOptions,
-    command_words,
     pop_columns,
     quiet_option,
     with_options,
 )
 from rpil.cli.outputs import choice_asked, look_lines
-from rpil.cli.progress import StageProgress, show_stages
-from rpil.cli.terminal import print_lines
+from rpil.cli.terminal import print_lines, show_stages
 from rpil.data.errors import DataError
 from rpil.data.held import holding
 from rpil.data.text import counted
 
 if TYPE_CHECKING:
-    from rpil.data.arrays import Id
     from rpil.formats.recording import Recording
-    from rpil.results.choice import Asked, Choice, Table
-    from rpil.results.record import Audit
-
-_MOST_IDS = 100
-"""Ids in a command; of more, the shell reads them from the list."""
+    from rpil.results.choice import Table
 
 
 @click.command()
@@ -82,89 +72,53 @@ def keep(
     source, given = find(file), RunOptions.of(options)
     source.check_output(output, given.columns)
     with show_stages(given.quiet) as progress:
+        audit, unnamed = None, set[str]()
         if verdicts is None:
-            read, table, audit = _judged(file, given, progress)
+            run = judge(file, given, progress)
+            read, audit = run.recording, run.audit
+            table: Table = audit.table()
         else:
-            read, audit = open_with_missing(file, given.columns, progress), None
-            table = _verdicts_on(read, verdicts)
+            read = open_recording(file, replace(given.columns, allow_missing=True), progress)
+            table, unnamed = _verdicts_on(read, verdicts)
         faults = look_for_faults(read, progress, True, given.without_faults) if given.without_faults else None
         asked = choice_asked(given, faults, share, at_least)
-        choice, n_unnamed = _choice(read, table, asked)
-        _check_left(choice, file, verdicts, table)
+        from rpil.results.choice import choose
         from rpil.results.lost import lost_places
 
+        choice = choose(table, asked)
+        if not choice.kept:
+            judged_by = f"the verdicts of {verdicts}" if verdicts else "the audit"
+            raise DataError(f"{file}: no demonstration is left by {judged_by}; choose with --share, or change labels.")
         lost = () if given.quiet else lost_places(read.demonstrations, choice.kept)
         progress(f"writing {output}")
         read.keep(choice.kept, output)
     tell_of_set_aside(read)
     click.echo(f"Kept {len(choice.kept):,} of {len(read.ids):,} demonstrations: {output}")
-    if n_unnamed:
+    if n_unnamed := sum(str(name) in unnamed for name in choice.kept):
         click.echo(f"{n_unnamed:,} of these are not named in {verdicts}: --only IDS keeps some alone.")
     print_lines(choice.lines())
     if not given.quiet:
         look_at = () if audit is None else look_lines(audit, choice, faults)
         lines = source.commands_to_keep(read.ids, choice.kept, output)
-        more = [_command_of_table(choice.kept, output)] if source.is_list(output) and not lines else []
-        print_lines([*look_at, *lost, *lines, *more])
+        more = ["These ids are kept; rpil convert with --only IDS writes a table of them."]
+        print_lines([*look_at, *lost, *lines, *(more if source.is_list(output) and not lines else ())])
 
 
-def _command_of_table(kept: Sequence[Id], output: str) -> str:
-    """The sentence with the command that writes a table of the ids in a list."""
-    ctx = click.get_current_context()
-    own = {one.name for one in convert.params} - {"output", "quiet", "only", "without"}
-    words = command_words(ctx, "convert", {str(one.name) for one in ctx.command.params if one.name not in own})
-    program = 'import json, sys; print(*json.load(open(sys.argv[1]))["episodes"], sep=",")'
-    read = ["paste", "-sd,", output] if output.lower().endswith(".txt") else ["python", "-c", program, output]
-    ids = shlex.quote(",".join(map(str, kept))) if len(kept) <= _MOST_IDS else f'"$({shlex.join(read)})"'
-    return f"These ids are kept; to write a table of them: {shlex.join(words)} --only {ids} -o kept.parquet"
-
-
-def _check_left(choice: Choice, file: str, verdicts: str | None, table: Table) -> None:
-    """A `DataError` where nothing is left to keep."""
-    if not choice.kept:
-        source = f"the verdicts of {verdicts}" if verdicts else "the audit"
-        is_graded = "log_odds" in table and {*table.get("label", [""])} != {"bad"}  # which no share keeps
-        ways = ["choose with --share"] * is_graded + ["change labels"]
-        raise DataError(f"{file}: no demonstration is left by {source}; {', or '.join(ways)}.")
-
-
-def _choice(read: Recording, table: Table, asked: Asked) -> tuple[Choice, int]:
-    """The choice among all that is read, and how many are kept although the table does not name them: all without a
-    named fault. Ids are compared as text."""
-    from rpil.results.choice import choose
-
-    choice, ids, named = choose(table, asked), read.demonstrations.ids, {*map(str, table["id"])}
-    others = [name for name in ids if str(name) not in named]
-    faulty = [name for name in others if str(name) in asked.faulty]
-    rejected = dict(choice.rejected)
-    if faulty:
-        rejected["faults"] = (*rejected.get("faults", ()), *faulty)
-    wanted = {*map(str, (*choice.kept, *others))} - {*map(str, faulty)}
-    kept = tuple(name for name in ids if str(name) in wanted)
-    return replace(choice, kept=kept, rejected=rejected), len(others) - len(faulty)
-
-
-def _judged(file: str, given: RunOptions, progress: StageProgress) -> tuple[Recording, Table, Audit | None]:
-    """What is read, and the verdicts of its audit; without one of a single demonstration, which has its label only."""
-    read, reference = read_data(file, given, progress)
-    if len(read.demonstrations) == 1 and reference is None:
-        label = {1: "good", -1: "bad"}.get(given.stated(read).answers.labels[0], "")
-        ids = read.demonstrations.ids
-        return read, {"id": ids, "verdict": [label or "open"], "label": [label], "log_odds": [0.0]}, None
-    audit = audit_data(file, read, reference, given, progress).audit
-    from rpil.results.verdict_table import verdict_columns
-
-    return read, verdict_columns(audit, {}), audit
-
-
-def _verdicts_on(read: Recording, path: str) -> Table:
-    """The rows of a file of verdicts about the demonstrations that are read; others in the same file have none."""
+def _verdicts_on(read: Recording, path: str) -> tuple[Table, set[str]]:
+    """The rows of a file of verdicts about the demonstrations that are read, and those that it does not name, which no
+    verdict rejects. Ids are compared as text."""
     from rpil.data.id_values import check_ids
-    from rpil.results.choice import read_verdicts, rows_of
+    from rpil.results.choice import read_verdicts
 
-    table = read_verdicts(path, read.ids)
+    table, ids = read_verdicts(path, read.ids), read.demonstrations.ids
     check_ids(table["id"], read.ids, path, "the ids")
-    return rows_of(table, {*map(str, read.demonstrations.ids)})
+    row = {str(name): k for k, name in enumerate(table["id"])}
+    nothing: dict[str, object] = {"verdict": "open", "log_odds": math.inf, "expert_proba": 1.0}
+    found: dict[str, list[object]] = {
+        column: [values[row[str(m)]] if str(m) in row else nothing.get(column, "") for m in ids]
+        for column, values in table.items()
+    }
+    return {**found, "id": ids}, {*map(str, ids)} - {*row}
 
 
 @click.command()

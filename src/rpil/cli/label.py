@@ -1,27 +1,38 @@
-"""The command ``rpil label``: the questions whose answers would say most, and what each answer changes."""
+"""The commands ``rpil label`` and ``rpil review``: the questions whose answers would say most, in the terminal or on a
+page of this computer, and what each answer changes."""
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
+import threading
+import webbrowser
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import click
 
 from rpil.cli import terminal
-from rpil.cli.commands import AuditRun, audit_data, check_paths, read_data, tell_of_set_aside
+from rpil.cli.commands import AuditRun, check_paths, judge, look_for_faults, tell_of_set_aside
 from rpil.cli.options import LABEL_OPTIONS, RunOptions, Value, command_words, with_options
+from rpil.cli.outputs import OUTPUTS, about, write_outputs
 from rpil.cli.printed_audit import finding_lines, verdict_sentence
-from rpil.cli.progress import show_stages
+from rpil.cli.terminal import show_stages
 from rpil.data.errors import DataError
 from rpil.data.folders import is_dangling
-from rpil.data.text import counted
+from rpil.data.text import counted, listed
 
 if TYPE_CHECKING:
+    from rpil.cli.questions.server import Review
     from rpil.cli.questions.session import Session
+    from rpil.data.json_files import Parsed
+    from rpil.results.choice import Asked
+    from rpil.results.view import View
 
 MAX_QUESTIONS = 8
 """Questions that one run asks at most."""
@@ -31,10 +42,13 @@ LABELS_FILE = "labels.csv"
 WITHOUT = "labels", "quiet", "port", "browser"
 """Options that an audit with the answers does not need, or does not have."""
 
+BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.parquet"}
+"""Files of a review that is finished: beside labels.csv they are labels-keep.json and so on."""
 
-def audit_with_answers(file: str, options: dict[str, Value]) -> tuple[AuditRun, str, bytes | None]:
-    """The audit of the data in `file` with the answers in the file of labels, which need not be there; the path of this
-    file, and what is in it."""
+
+def begin(file: str, options: dict[str, Value], most: int | None) -> tuple[AuditRun, Session]:
+    """The audit of the data in `file` with the answers in the file of labels, which need not be there, and a run of
+    `most` questions about it."""
     given = RunOptions.of(options)
     path = given.labels or LABELS_FILE
     check_paths((file, *given.columns.files), path)
@@ -46,13 +60,14 @@ def audit_with_answers(file: str, options: dict[str, Value]) -> tuple[AuditRun, 
     before = Path(path).read_bytes() if Path(path).exists() else None
     given = replace(given, labels=path if before is not None else None)
     with show_stages(given.quiet) as progress:
-        recording, _ = read_data(file, given, progress)
-        run = audit_data(file, recording, None, given, progress)
+        run = judge(file, given, progress)
     if not run.audit.columns.size:
         raise DataError(f"{file}: this audit keeps nothing to learn from answers; leave out --adversary.")
-    tell_of_set_aside(recording)
+    tell_of_set_aside(run.recording)
     terminal.print_lines([*finding_lines(run.audit), verdict_sentence(run.audit)])
-    return run, path, before
+    from rpil.cli.questions.session import Session
+
+    return run, Session(run.audit, path, before, most)
 
 
 @click.command()
@@ -65,10 +80,7 @@ def label(ctx: click.Context, /, file: str, **options: Value) -> None:
     It is labels.csv, or that of --labels. Answers that it holds count: a run goes on where the last one ended. Each
     answer is written at once.
     """
-    run, path, before = audit_with_answers(file, options)
-    from rpil.cli.questions.session import Session
-
-    session = Session(run.audit, path, before, MAX_QUESTIONS)
+    _, session = begin(file, options, MAX_QUESTIONS)
     ask(session)
     terminal.print_lines(last_lines(session, command_words(ctx, "audit", WITHOUT)))
 
@@ -127,3 +139,106 @@ def _read_key(keys: Mapping[str, str]) -> tuple[str, str]:
         if key.lower() in keys:
             return key.lower(), note.strip()
         click.echo(f"Give one of {', '.join(keys)}.")
+
+
+@click.command()
+@click.argument("file", type=click.Path())
+@click.option(
+    "--port",
+    type=click.IntRange(1024, 65535),
+    metavar="PORT",
+    help="The port of the page on this computer; by default one that is free.",
+)
+@click.option("--browser/--no-browser", default=True, help="Open the page in a browser, or print its address alone.")
+@with_options(*LABEL_OPTIONS)
+@click.pass_context
+def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **options: Value) -> None:
+    """Look at demonstrations on a page of this computer, answer, and see what each answer changes.
+
+    Answers go to labels.csv, or the file of --labels, as those of rpil label: each is written at once, and a run goes
+    on where the last one ended. The page is for this computer alone. Ctrl-C ends it.
+    """
+    from rpil.cli.questions.security import Gate
+    from rpil.cli.questions.server import application, listen, load_server, serve
+
+    load_server()
+    with listen(port or 0) as listening, TemporaryDirectory(prefix="rpil-") if browser else nullcontext() as folder:
+        quiet = options["quiet"]
+        with terminal.print_warnings():  # now, not when the page is closed
+            shown = _review(ctx, *begin(file, options, None), quiet)
+        gate = Gate.new(listening.getsockname()[1])
+        click.echo(f"The page is at {gate.url}  (Ctrl-C ends it)")
+        if folder:
+            page = Path(folder, "review.html")  # all users see what a browser opens, and only this one may read it
+            page.touch(0o600)
+            page.write_text(f'<meta http-equiv="refresh" content="0; url={gate.url}">', encoding="ascii")
+            threading.Thread(target=webbrowser.open, args=[page.as_uri()], daemon=True).start()
+        with suppress(KeyboardInterrupt):
+            serve(application(shown, gate), listening)
+    terminal.print_lines(last_lines(shown.session, command_words(ctx, "audit", WITHOUT)))
+
+
+def _review(ctx: click.Context, run: AuditRun, session: Session, quiet: bool) -> Review:
+    """What the page shows and changes."""
+    from rpil.cli.questions.server import Review
+    from rpil.cli.questions.videos import EpisodeVideos
+
+    with show_stages(quiet) as progress:
+        run = replace(run, faults=look_for_faults(run.recording, progress))
+        progress("looking for videos")
+        # By another column of ids, no demonstration is an episode that videos are named after.
+        videos = EpisodeVideos.of(run.source, () if run.recording.options.id else run.audit.ids, run.audit.fps)
+    written: dict[str, object] = {}
+    return Review(
+        session=session,
+        about=about(run),
+        videos=videos,
+        finish=lambda given: _finish(ctx, run, session, written, given),
+        data=run.recording.demonstrations,
+    )
+
+
+def _finish(
+    ctx: click.Context, run: AuditRun, session: Session, written: dict[str, object], given: Mapping[str, Parsed]
+) -> View:
+    """Which demonstrations are kept, and by which rules the others are not; or, if a page asks to "write", the files
+    `BESIDE` that of the answers.
+
+    The page gives the ids that are "spared" and the "rules" of faults that reject. `written` are the digests of what
+    this run wrote before: where other files would be replaced, they are returned as "exists", and given back as
+    "replace" where a user agrees.
+    """
+    from rpil.formats.registry import find
+    from rpil.results.provenance import digest
+
+    run = replace(run, audit=session.audit, asked=_asked(run, given))
+    if not given.get("write"):
+        places = {name: m for m, name in enumerate(run.audit.ids)}
+        rejected = {rule: [places[name] for name in ids] for rule, ids in run.choice.rejected.items()}
+        found = {"kept": len(run.choice.kept), "rejected": rejected, "notes": run.choice.notes}
+        return found | {"outcome": run.choice.words("outcome")}
+    beside = {title: f"{Path(session.path).with_suffix('')}-{name}" for title, name in BESIDE.items()}
+    for path in filter(os.path.islink, beside.values()):
+        raise DataError(f"{path}: it is a link, and no review writes where a link leads; remove it.")
+    check_paths((run.source, session.path, *run.recording.options.files), *beside.values())
+    others = [path for path in beside.values() if os.path.exists(path) and digest(path) != written.get(path)]
+    if others and others != given.get("replace"):
+        return {"lines": [f"Replace {listed(others)}? This run did not write them."], "exists": others}
+    with ctx.scope(cleanup=False):  # the server answers in threads, which have no context
+        write_outputs({title: beside.get(title) for title in OUTPUTS}, run, lambda _: None)
+    written |= {path: digest(path) for path in beside.values()}
+    suffix = ".json" if find(run.source).unkept(run.recording.options) else Path(run.source).suffix
+    new = f"{Path(run.source).stem}-kept{suffix}"
+    command = [*command_words(ctx, "keep", WITHOUT), "--verdicts", beside["keep"], "-o", new]
+    return {"files": beside, "lost": run.lost, "command": shlex.join(command)}
+
+
+def _asked(run: AuditRun, given: Mapping[str, Parsed]) -> Asked:
+    """What a page says of demonstrations that are kept all the same, and of faults that reject."""
+    from rpil.results.choice import Asked
+
+    spared, rules = (
+        {*map(str, one)} if isinstance(one, list) else set() for one in map(given.get, ("spared", "rules"))
+    )
+    faulty = {str(fault.id) for fault in run.faults.findings if fault.rule in rules} if run.faults else set()
+    return Asked(faulty=faulty, spared=spared)

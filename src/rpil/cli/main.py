@@ -3,6 +3,7 @@ is fast."""
 
 from __future__ import annotations
 
+import shlex
 from typing import Any
 
 import click
@@ -11,13 +12,23 @@ from rpil.cli import commands, terminal
 from rpil.cli.audit import audit, closing_lines
 from rpil.cli.check import check
 from rpil.cli.commands import Commands, check_paths
-from rpil.cli.info import info
 from rpil.cli.keep import convert, keep
-from rpil.cli.label import label
-from rpil.cli.options import FIT_OPTIONS, OutputFile, RunOptions, quiet_option, seed_option, with_options
+from rpil.cli.label import label, review
+from rpil.cli.options import (
+    COLUMN_OPTIONS,
+    FIT_OPTIONS,
+    OutputFile,
+    RunOptions,
+    command_words,
+    outcome_option,
+    pop_columns,
+    quiet_option,
+    seed_option,
+    session_option,
+    with_options,
+)
 from rpil.cli.printed_audit import finding_lines, verdict_sentence
-from rpil.cli.progress import LOADING, show_stages
-from rpil.cli.review import review
+from rpil.cli.terminal import LOADING, show_stages
 
 
 @click.group("rpil", Commands, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
@@ -34,8 +45,33 @@ def main(ctx: click.Context, /) -> None:
         click.echo(ctx.get_help())
 
 
-for command in (audit, check, info, label, review, keep, convert):
+for command in (audit, check, label, review, keep, convert):
     main.add_command(command)
+
+
+@main.command()
+@click.argument("file", type=click.Path())
+@click.option(
+    "--format", "form", type=click.Choice(("text", "json")), default="text", show_default=True, help="What to print."
+)
+@outcome_option
+@session_option
+@with_options(*COLUMN_OPTIONS)
+@click.pass_context
+def info(ctx: click.Context, /, file: str, form: str, **options: Any) -> None:
+    """Print how a file is read: demonstrations, observations, actions, and what is ignored and why."""
+    columns = pop_columns(options, guess=True)
+    recording = commands.open_recording(file, columns, lambda _: None)
+    if form == "json":
+        click.echo(terminal.to_json(recording.description.to_dict()))
+    else:
+        terminal.print_lines(recording.description.lines())
+    recording.demonstrations  # noqa: B018  # what cannot be audited is an error
+    if form == "text":
+        words = command_words(ctx, "audit", without=())
+        operator = recording.description.operator_column
+        more = ["--operator", operator] if operator and columns.operator is None else []
+        click.echo(f"\nNext: {shlex.join([*words, *more])}")
 
 
 @main.command()
@@ -50,7 +86,7 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     run = RunOptions.of(options)
     check_paths((file, run.labels, *run.columns.files), output)
     with show_stages(run.quiet) as progress:
-        recording, _ = commands.read_data(file, run, progress)
+        recording = commands.open_recording(file, run.columns, progress)
         progress(LOADING)
         from rpil.estimators.persistence import save
         from rpil.estimators.rpil import RPIL
@@ -83,4 +119,4 @@ def demo(episodes: int, output: str, seed: int, quiet: bool) -> None:
         result = run(episodes=episodes, seed=seed, progress=progress)
         progress("writing the report")
         result.write_report(output)
-    click.echo("\n".join([*result.sentences(), f"Report: {output}"]))
+    click.echo("\n".join([*result.sentences, f"Report: {output}"]))

@@ -14,9 +14,7 @@ from click.core import ParameterSource
 from rpil.data.files import StrPath, check_extension
 
 if TYPE_CHECKING:
-    from rpil.estimators.within_tasks import Statements
     from rpil.formats.columns import ColumnOptions
-    from rpil.formats.recording import Recording
 
 
 Value = Any
@@ -48,12 +46,6 @@ class RunOptions:
         options.pop("session", None)  # is one of the columns
         options["adversary"] = options["adversary"].replace("-", " ")
         return cls(columns, **options)
-
-    def stated(self, recording: Recording, reference: Recording | None = None) -> Statements:
-        """What is known of the demonstrations of a recording, and of those of a reference."""
-        from rpil.estimators.within_tasks import Statements
-
-        return Statements.of(recording, self.labels, None, reference=reference)
 
 
 # The names once more: the modules that define them take too long to import for --help; a test compares them.

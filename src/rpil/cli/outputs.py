@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ import click
 
 from rpil.cli.commands import AuditRun
 from rpil.cli.options import RunOptions
-from rpil.cli.progress import StageProgress
+from rpil.cli.terminal import StageProgress
 from rpil.data.text import MAX_LISTED_NAMES, listed, printable
 
 if TYPE_CHECKING:
@@ -27,48 +27,37 @@ OUTPUTS = ("weights", "verdicts", "keep", "report", "annotate")
 
 def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: StageProgress) -> None:
     """Write the files of `OUTPUTS` whose paths are given."""
-    if not any(paths.values()):  # what follows imports the report
-        return
-    from rpil.formats import write_weights
-    from rpil.formats.registry import find
-    from rpil.results.html.page import write_page
-    from rpil.results.verdict_table import verdict_columns, write_kept, write_verdicts
-    from rpil.results.view import make_view
+    audit = run.audit
+    for title, path in ((title, paths[title]) for title in OUTPUTS):
+        if path is None:
+            continue
+        from rpil.formats import write_weights
+        from rpil.formats.registry import find
+        from rpil.results.choice import write_kept, write_verdicts
+        from rpil.results.html.page import write_page
+        from rpil.results.view import make_view
 
-    audit, findings = run.audit, run.faults.findings if run.faults else ()
-
-    def write_keep(path: str) -> None:
-        write_kept(path, audit, run.choice)
-        if not run.choice.kept:
-            warnings.warn(f"{path}: it lists no demonstration, because all are rejected.", stacklevel=1)
-
-    def write_step_weights(path: str) -> None:
-        steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
-        write_weights(path, *steps, run.recording.step_columns)
-        if audit.step_weight.min() == audit.step_weight.max():
-            why = "every step weighs the same, because nothing says who is good; two answers do, one good and one bad."
-            warnings.warn(f"{path}: {why}", stacklevel=1)
-
-    def write_annotated(path: str) -> None:
-        rules = audit.table()["rejected_by"]
-        columns = {"rpil/verdict": audit.verdicts, "rpil/score": audit.log_odds.tolist(), "rpil/rejected_by": rules}
-        by_id = {name: dict(zip(map(str, audit.ids), values, strict=True)) for name, values in columns.items()}
-        find(run.source).annotate(path, by_id)
-
-    writers: dict[str, Callable[[str], None]] = {
-        "weights": write_step_weights,
-        "verdicts": lambda path: write_verdicts(
-            path, audit, verdict_columns(audit, run.demonstrators, findings, run.recording.tasks)
-        ),
-        "keep": write_keep,
-        "report": lambda path: write_page(path, make_view(audit, about(run))),
-        "annotate": write_annotated,
-    }
-    for title in OUTPUTS:
-        path = paths[title]
-        if path is not None:
-            progress(f"writing {path}")
-            writers[title](path)
+        progress(f"writing {path}")
+        if title == "weights":
+            steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
+            write_weights(path, *steps, run.recording.step_columns)
+            if audit.step_weight.min() == audit.step_weight.max():
+                why = "because nothing says who is good; two answers do, one good and one bad"
+                warnings.warn(f"{path}: every step weighs the same, {why}.", stacklevel=1)
+        elif title == "verdicts":
+            findings = run.faults.findings if run.faults else ()
+            write_verdicts(path, audit, audit.table(run.demonstrators, run.recording.tasks, findings))
+        elif title == "keep":
+            write_kept(path, audit, run.choice)
+            if not run.choice.kept:
+                warnings.warn(f"{path}: it lists no demonstration, because all are rejected.", stacklevel=1)
+        elif title == "report":
+            write_page(path, make_view(audit, about(run)))
+        else:
+            table, names = audit.table(), {"verdict": "verdict", "score": "log_odds", "rejected_by": "rejected_by"}
+            ids = [*map(str, audit.ids)]
+            rows = {f"rpil/{name}": dict(zip(ids, table[own], strict=True)) for name, own in names.items()}
+            find(run.source).annotate(path, rows)
 
 
 def about(run: AuditRun) -> About:
@@ -145,13 +134,9 @@ def tell_if_too_many(audit: Audit, limit: str | None) -> int:
 
     (verdict, _, most), lower = (limit or "").partition(":"), audit.vocabulary.lower
     # Those called outliers without an answer are not bad; those called bad differ from the good ones.
-    verdicts = audit.verdicts if verdict == "outlier" else [one for one in audit.verdicts if one != "outlier"]
-    count, allowed = [SIDES[one] for one in verdicts].count("lower"), int(most or 0)
-    if limit is None or count <= allowed:
+    count = sum(SIDES[one] == "lower" and (verdict == "outlier" or one != "outlier") for one in audit.verdicts)
+    if limit is None or count <= int(most or 0):
         return 0
-    click.echo(
-        f"rpil: {count:,} of {len(audit.ids):,} demonstrations are {PLURALS.get(lower, lower)}, and --fail-on {limit} "
-        f"allows {allowed:,}.",
-        err=True,
-    )
+    who = f"{count:,} of {len(audit.ids):,} demonstrations are {PLURALS.get(lower, lower)}"
+    click.echo(f"rpil: {who}, and --fail-on {limit} allows {int(most or 0):,}.", err=True)
     return 1

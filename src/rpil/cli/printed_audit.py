@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import shlex
 import sys
 from collections.abc import Hashable, Iterator, Sequence
@@ -17,18 +15,13 @@ from rpil.data.text import MAX_LISTED_NAMES, listed, printable
 if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
     from rpil.formats.description import Description
-    from rpil.numerics.types import Array, Float
     from rpil.results.record import Audit
 
-MAX_LINES = 25
-MIN_ROWS, MAX_ROWS = 2, 8
+MAX_LINES, MIN_ROWS, MAX_ROWS = 25, 2, 8
 """Lines of an audit, and rows of its table, unless all are asked for."""
 
-N_NAMED = 3
-"""Operators that are named, and demonstrations to label next."""
-
-N_FOUND = 12
-"""Demonstrations that the finding names, and members of a group."""
+N_NAMED, N_FOUND = 3, 12
+"""Operators that are named, and demonstrations to label next; those that the finding names, and members of a group."""
 
 SIDE_COLOURS = {"upper": "green", "open": "yellow", "lower": "red"}
 
@@ -47,8 +40,8 @@ def print_audit(
     width, odd = line_width(), [] if faults is None else odd_lines(faults)
     faulty = () if faults is None else tuple(found.id for found in faults.findings)
     above = [*fit(first_sentence(audit, faulty, short_id), width, 2), *head, *finding_lines(audit), *odd, ""]
-    more = "" if all_rows or len(audit.ids) <= MIN_ROWS else " All: --all."
-    counts, notes = fit(f"{verdict_sentence(audit)}{more}", width), [*_notes(audit, all_rows, width)]
+    counts = fit(f"{verdict_sentence(audit)}{'' if all_rows else ' All: --all.'}", width)
+    notes = [*_notes(audit, all_rows, width)]
     room = MAX_LINES - len([*above, *counts, *closing]) - 1
     below = [*counts, *(notes if all_rows else notes[: max(room - MIN_ROWS, 0)]), *closing]
     room = MAX_LINES - len([*above, *below]) - 1
@@ -78,12 +71,9 @@ def finding_lines(audit: Audit) -> list[str]:
 
 def verdict_sentence(audit: Audit) -> str:
     """How many demonstrations have which verdict."""
-    from rpil.inference.findings import DECIDED
     from rpil.results.vocabulary import in_numbers
 
     size = f"{len(audit.ids):,} demonstrations ({audit.offsets[-1]:,} steps)"
-    if {*audit.verdicts} == {"open"} and audit.finding not in DECIDED:
-        return f"{size} are ranked; all are open."
     return f"{size}: {in_numbers(audit.verdict_counts())}."
 
 
@@ -105,19 +95,19 @@ def _columns(audit: Audit, shown: Sequence[int], all_rows: bool) -> dict[str, li
     from rpil.results.vocabulary import SIDES
 
     proba, is_decided = audit.vocabulary.probability, {*audit.verdicts} != {"open"}
-    glances = [at_a_glance(audit, audit.reasons[m], m) for m in shown]
+    glances, digits = [at_a_glance(audit, audit.reasons[m], m) for m in shown], 1 + 2 * (abs(audit.log_odds).max() < 1)
     columns = {
         "id": [printable(audit.ids[m]) if all_rows else short_id(audit.ids[m]) for m in shown],
         "place": [f"{audit.ranks[m]:,}" for m in shown],
         "verdict": [click.style(audit.verdicts[m], fg=SIDE_COLOURS[SIDES[audit.verdicts[m]]]) for m in shown],
-        "score": _scores(audit.log_odds[[*shown]]),
+        "score": [f"{value:+,.{digits}f}" for value in audit.log_odds[[*shown]].tolist()],
         proba: [f"{audit.expert_proba[m]:.3f}" * audit.has_proba(m) for m in shown],
         "where": [where for where, _ in glances],
         "why": [printable(audit.reasons[m]) if all_rows else why for m, (_, why) in zip(shown, glances, strict=True)],
     }
-    always = ("id", "place", "verdict", "score") if all_rows else ("id", "verdict" if is_decided else "place", "score")
-    others = (proba, "why") if all_rows else ("where", "why")
-    return {name: columns[name] for name in (*always, *others) if name in always or len({*columns[name]}) > 1}
+    left_out = {"where"} if all_rows else {proba, "place" if is_decided else "verdict"}
+    left_out |= {name for name in (proba, "where", "why") if len({*columns[name]}) < 2}
+    return {name: own for name, own in columns.items() if name not in left_out}
 
 
 def short_id(name: Hashable, most: int = 28) -> str:
@@ -126,73 +116,37 @@ def short_id(name: Hashable, most: int = 28) -> str:
     return text if len(text) <= most else f"...{text[3 - most :]}"
 
 
-def _scores(values: Float[Array, " R"]) -> list[str]:
-    """Scores with one decimal, or more where all are small."""
-    digits = 1 if max(map(abs, values), default=0.0) >= 1 else 3
-    return [f"{value:+.{digits}f}" if abs(value) < 1e4 else f"{value:+,.0f}" for value in values.tolist()]
-
-
 def _notes(audit: Audit, all_rows: bool, width: int) -> Iterator[str]:
     """Contradicting labels, operators, groups and notes, a line each, or whole."""
-    sentences = []
+    from rpil.results.vocabulary import PLURALS
+
+    lower, sentences = audit.vocabulary.lower, list[str]()
     if audit.contradicting:
         names = listed(audit.contradicting, MAX_LISTED_NAMES, ", ")
         sentences.append(f"Look again: the labels of {names} contradict the other answers.")
-    sentences += _operators(audit, None if all_rows else N_NAMED)
+    counts = [(who, audit.verdict_counts(who.demonstrations)[lower]) for who in audit.demonstrators]
+    counts.sort(key=lambda one: -one[1] / len(one[0].demonstrations))  # the largest share first
+    shares = [f"{short_id(who.name)} {n:,} of {len(who.demonstrations):,}" for who, n in counts if n]
+    if shares:
+        names = listed(shares, len(shares) if all_rows else N_NAMED, ", ")
+        sentences.append(f"{PLURALS.get(lower, lower).capitalize()} by operator: {names}.")
+    if counts:
+        sentences.append("To judge within each operator: --session operator, their column.")
     sentences += [f"Group {letter}, {len(ids):,}: {listed(ids, N_FOUND, ', ')}" for letter, ids in audit.groups.items()]
     for sentence in [*sentences, *audit.notes]:
         yield from fit(sentence, width, None if all_rows else 1)
 
 
-def _operators(audit: Audit, most: int | None) -> Iterator[str]:
-    """How many outliers, or bad ones, each of up to `most` operators has, the largest share first."""
-    from rpil.results.vocabulary import PLURALS
-
-    lower, sizes = audit.vocabulary.lower, {who: len(who.demonstrations) for who in audit.demonstrators}
-    found = {who: audit.verdict_counts(who.demonstrations)[lower] for who in sizes}
-    order = sorted(sizes, key=lambda who: -found[who] / sizes[who])
-    shares = [f"{short_id(who.name)} {found[who]:,} of {sizes[who]:,}" for who in order if found[who]]
-    if shares:
-        yield f"{PLURALS.get(lower, lower).capitalize()} by operator: {listed(shares, most or len(shares), ', ')}."
-    if most is None:
-        yield from (f"{printable(who.name)}: {audit.style(who)}." for who in order)
-    if sizes:
-        yield "To judge within each operator: --session operator, their column."
-
-
 def next_steps(audit: Audit, labels_file: str, command: Sequence[str]) -> list[str]:
-    """What to do next: the question whose answer says most, or the demonstrations to label, what to write to
-    `labels_file`, and the command to run then, which is `command` with ``--labels``."""
+    """What to do next: the question whose answer says most, or the demonstrations to label, and the command to run
+    then, which is `command` with ``--labels``."""
     from rpil.results.answering import NEXT_STEPS
 
-    to_label = audit.suggest_labels(N_NAMED)
-    if audit.question:
-        id_, label = audit.pair[0], f"better than {printable(audit.pair[1])}"
-        sentences = [audit.question]
-    elif not to_label:
-        return ["Every demonstration has a label already."]
-    elif audit.finding == "nothing could be learned":
-        return fit(f"Next: {NEXT_STEPS[audit.finding]}", line_width())
-    else:
-        id_, label = to_label[0], "good"
-        sentences = [f"Next: {NEXT_STEPS[audit.finding]}", f"Best to label first: {listed(to_label, N_NAMED, ', ')}."]
+    to_label, sentences = audit.suggest_labels(N_NAMED), [audit.question or f"Next: {NEXT_STEPS[audit.finding]}"]
+    if not audit.question and (audit.finding == "nothing could be learned" or not to_label):
+        return fit(sentences[0], line_width())
+    if not audit.question:
+        sentences.append(f"Best to label first: {listed(to_label, N_NAMED, ', ')}.")
+    sentences.append(f"Answer in {labels_file} (id,label; docs/command-line.md), or let rpil label ask.")
     lines = [line for sentence in sentences for line in fit(sentence, line_width(), 2)]
-    is_new = not (os.path.exists(labels_file) or audit.labelled)
-    verb = "Write your answer to" if is_new else "Add your answer to"
-    return [
-        *lines,
-        f"{verb} {labels_file}, for instance:",
-        *(f"    {line}" for line in _answer_lines(id_, label, labels_file.lower().endswith(".json"), is_new)),
-        f"{THEN_RUN}{shlex.join([*command, '--labels', labels_file])}",
-    ]
-
-
-def _answer_lines(id_: Hashable, label: str, is_json: bool, is_new: bool) -> list[str]:
-    """A label of the demonstration `id_`, as a file of labels has it, which may be new."""
-    from rpil.data.cells import to_cell
-    from rpil.data.id_values import csv_row
-
-    if is_json:
-        pair = json.dumps({printable(id_): label}, ensure_ascii=False)
-        return [pair if is_new else pair[1:-1]]
-    return ["id,label"] * is_new + [csv_row([printable(to_cell(id_)), label])]
+    return [*lines, f"{THEN_RUN}{shlex.join([*command, '--labels', labels_file])}"]

@@ -1,4 +1,4 @@
-"""Lines, tables, warnings and JSON in a terminal."""
+"""Lines, tables, progress, warnings and JSON in a terminal."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import re
 import shutil
 import sys
 import textwrap
+import threading
+import time
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 import click
@@ -25,6 +27,41 @@ THEN_RUN = "Then run: "
 
 PIPE_WIDTH = 80
 """Columns of a line where there is no terminal."""
+
+StageProgress = Callable[[str], None]
+"""A function of the name of the current stage."""
+
+LOADING = "loading the libraries"
+"""The stage of a command until it names another one."""
+
+FIRST, INTERVAL, ELAPSED_SHARE = 1.0, 3.0, 0.1
+"""Seconds until the first line of progress, between two lines at least, and as a share of the elapsed time; a terminal
+shows one line, anew every `FIRST` seconds."""
+
+
+@contextmanager
+def show_stages(quiet: bool) -> Iterator[StageProgress]:
+    """A function that shows the current stage on stderr; it shows nothing if `quiet`."""
+    start, latest, finished, in_place = time.monotonic(), [LOADING], threading.Event(), sys.stderr.isatty()
+
+    def print_lines() -> None:
+        wait = FIRST
+        while not finished.wait(wait):
+            elapsed = time.monotonic() - start
+            line = f"rpil: {elapsed:.0f} s: {without_secrets(latest[0])}"
+            click.echo(f"\r\x1b[K{line[:PIPE_WIDTH]}" if in_place else line, err=True, nl=not in_place)
+            wait = FIRST if in_place else max(INTERVAL, ELAPSED_SHARE * elapsed)
+        click.echo("\r\x1b[K" * in_place, err=True, nl=False)
+
+    thread = threading.Thread(target=print_lines, daemon=True)
+    if not quiet:
+        thread.start()
+    try:
+        yield lambda stage: latest.__setitem__(0, stage)
+    finally:
+        finished.set()
+        if not quiet:
+            thread.join()  # no line may follow the result
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import linear
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
-from rpil.results.evidence import StepEvidence, members_of_rest, traces, worth_a_look
+from rpil.results.evidence import StepEvidence, traces, worth_a_look
 from rpil.results.judged import Traces
 from rpil.results.record import Audit
 from rpil.results.step_weights import weights_of
@@ -61,12 +61,10 @@ class SampledFit(FullFit):
         )
         return JudgeInput(demonstrations, options.judged(data), features, indices, blocks)
 
-    def extend(
-        self, posed: JudgeInput, judgement: Judgement, judge: FittedJudge | None
-    ) -> tuple[Judgement, FittedJudge | None, FitData]:
+    def extend(self, posed: JudgeInput, judgement: Judgement) -> tuple[Judgement, FittedJudge | None, FitData]:
         task, options = self.task, self.options
         assert posed.blocks is not None
-        sample = _sample(posed, judgement, judge)
+        sample = _sample(posed, judgement, FittedJudge.of(judgement, posed.data, options.settings.judge))
         options.progress("a pass over everything: scores")
         none, names = np.empty(0), posed.data.action_names
         everyone = FitData(
@@ -114,7 +112,6 @@ class SampledFit(FullFit):
         """Those of the demonstrations most worth a look, as far as few steps are read for them."""
         task, settings = self.task, self.options.settings.judge.held_out
         sample = _sample(posed, decided.judgement, decided.judge)
-        assert sample.judge.ratio is not None
         drawn = worth_a_look(audit)
         drawn = drawn[np.cumsum(audit.lengths[drawn]) <= MAX_DRAWN_STEPS]
         read = np.union1d(sample.indices, drawn)  # the sample says what is typical
@@ -124,7 +121,7 @@ class SampledFit(FullFit):
             expected = ratio.step_ratios(data.features, data.actions, settings)[0]
         else:
             expected = ratio.scaling.back(linear(data.features, ratio.weights))
-        evidence = StepEvidence.of(data, read, expected, members_of_rest(sample.judgement, read), settings)
+        evidence = StepEvidence.of(data, read, expected, ~sample.judgement.claims.lower[read], settings)
         return traces(audit, evidence, drawn)
 
 

@@ -21,7 +21,6 @@ from rpil.data.archive import (
     stored_name,
     write_archive,
 )
-from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_readable
 from rpil.estimators.cloning import BehavioralCloning
@@ -29,7 +28,6 @@ from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.mixture.adversaries import named  # noqa: F401  a file may hold each of them
 from rpil.numerics.types import Array
-from rpil.results.soundness import check_sound
 
 ESTIMATOR_SCHEMA = "rpil fitted estimator"
 
@@ -40,9 +38,10 @@ _FIT = ("n_iter_", "converged_")
 FITTED = {
     "BehavioralCloning": _POLICY,
     "RMEnt": (*_POLICY, "ids_", "weights_", "log_likelihood_", "objective_", *_FIT),
-    "RPIL": (*_POLICY, "judge_features_", "judge_", "audit_", "lower_bound_", *_FIT),
+    "RPIL": ("space_", "state_", "features_", "policy_", "lower_bound_", *_FIT),
 }
-"""The attributes of each estimator that a file holds."""
+"""The attributes of each estimator that a file holds; an audit is none, because `rpil.audit` makes it again.
+The state of the mixture comes before the features of the policy: it has others."""
 
 FITTED_ARRAYS = dict.fromkeys(("weights_", "log_likelihood_"), ArrayField("M"))
 _NAMES = ("feature_names_in_", "observation_names_")  # from data frames, and from `Demonstrations`
@@ -51,7 +50,7 @@ _NAMES = ("feature_names_in_", "observation_names_")  # from data frames, and fr
 def save(estimator: SavedEstimator, path: StrPath) -> None:
     """Write a fitted estimator to a file of any name.
 
-    `load` returns the same estimator, bit for bit, without `progress` and `engine`.
+    `load` returns the same estimator, bit for bit, without `progress`, `engine` and ``audit_``.
 
     Parameters
     ----------
@@ -75,6 +74,13 @@ def save(estimator: SavedEstimator, path: StrPath) -> None:
             "keep the weights (rpil audit --weights, or audit_.step_weight) and fit it to them again."
         )
     arrays: dict[str, Array] = {}
+    try:
+        fitted = {name: encode(getattr(estimator, name), name.strip("_"), arrays) for name in FITTED[kind]}
+    except TypeError as error:
+        raise DataError(
+            f"{path}: an adversary of the class {error} cannot be saved without pickle; keep the weights "
+            "(audit_.step_weight), or fit with an adversary of rpil."
+        ) from None
     header = {
         "schema": ESTIMATOR_SCHEMA,
         "version": VERSION,
@@ -83,16 +89,8 @@ def save(estimator: SavedEstimator, path: StrPath) -> None:
         "names": {name: [*map(str, getattr(estimator, name))] for name in _NAMES if len(getattr(estimator, name, ()))},
         "params": _params(estimator, arrays),
         "classes": encode(estimator.classes_, "classes", arrays),
-        "fitted": {name: encode(getattr(estimator, name), name.strip("_"), arrays) for name in FITTED[kind]},
+        "fitted": fitted,
     }
-    if isinstance(estimator, RPIL):
-        try:
-            header["state"] = encode(estimator.state_, "state", arrays)
-        except TypeError as error:
-            raise DataError(
-                f"{path}: an adversary of the class {error} cannot be saved without pickle; keep the weights "
-                "(audit_.step_weight), or fit with an adversary of rpil."
-            ) from None
     write_archive(path, header, arrays)
 
 
@@ -126,11 +124,7 @@ def _params(estimator: SavedEstimator, arrays: dict[str, Array]) -> dict[str, An
     """The constructor parameters that can be encoded; others are dropped."""
     params = {}
     given = estimator.get_params(deep=False)
-    for only_here in ("progress", "engine"):
-        given.pop(only_here, None)
-    if given.get("groups") is None:  # an older rpil of the same format does not know it
-        given.pop("groups", None)
-    for name, value in given.items():
+    for name, value in ((name, value) for name, value in given.items() if name not in ("progress", "engine")):
         plain = [np.asarray(part).tolist() for part in value] if isinstance(value, list | tuple | np.ndarray) else value
         with suppress(TypeError):
             params[name] = encode(plain, f"params/{name}", arrays)
@@ -149,8 +143,6 @@ def _restore(header: dict[str, Any], decoder: Decoder) -> SavedEstimator:
     for name, node in header["fitted"].items():
         array = FITTED_ARRAYS.get(name)
         setattr(estimator, name, decoder.array(node, array) if array else decoder.value(node))
-    if isinstance(estimator, RPIL):
-        estimator.state_ = decoder.value(header["state"])
     estimator.n_features_in_ = decoder.sizes["D"]
     for name, texts in header["names"].items():
         if name not in _NAMES or len(texts) != estimator.n_features_in_:
@@ -172,12 +164,6 @@ def _try_out(estimator: SavedEstimator) -> None:
     if isinstance(estimator, RMEnt):
         sound &= len(estimator.ids_) == len(estimator.weights_)
     if isinstance(estimator, RPIL):
-        state, judge = estimator.state_, estimator.judge_  # neither where several tasks were judged
-        check_sound(estimator.audit_)
-        sound &= state is None or (judge is None and np.isfinite(state.prior.log).all())
-        if state is not None or judge is not None:
-            taken = classes[action] if len(classes) else action
-            step = Demonstrations(observation, taken, np.array([0, 1]))
-            sound &= not np.isnan(estimator.score_demonstrations(step)).any()
+        sound &= estimator.state_ is None or np.isfinite(estimator.state_.prior.log).all()
     if not sound:
         raise ValueError("values out of range")

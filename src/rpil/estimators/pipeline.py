@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,7 +28,7 @@ from rpil.inference.parts import judged_parts
 from rpil.inference.trust import Judgement, judge, repeated
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
-from rpil.results.evidence import by_final_policy, by_held_out_policies, deviations, traces, worth_a_look
+from rpil.results.evidence import by_held_out_policies, deviations, traces, worth_a_look
 from rpil.results.record import Audit, Interval
 from rpil.results.step_weights import weights_of
 from rpil.results.summary import audit_from_judgement, audit_from_mixture, parts_not_judged
@@ -149,15 +149,14 @@ class JudgeInput:
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
-    """The audit of the demonstrations, and what judges others and acts; the estimator copies it onto itself."""
+    """The audit of the demonstrations, and the policy; the estimator copies it onto itself."""
 
     audit: Audit
-    judge_features: Features
-    """While trust was decided."""
     features: Features
     """Of the final policy; those of the judge where no policy is kept."""
     policy: FinalPolicy | None = None
     judge: FittedJudge | None = None
+    """Of a sample, which judges all others."""
     state: State | None = None
     """Of the mixture with a named adversary."""
     n_iter: int = 0
@@ -165,25 +164,6 @@ class FitResult:
     """Objective of the mixture, or mean held-out log-likelihood of a step of the training group, in nats."""
     converged: bool = True
     judgement: Judgement | None = None
-
-
-def judged_by(
-    posed: JudgeInput, options: FitOptions, is_kept: bool, learns: bool
-) -> tuple[Judgement, FittedJudge | None]:
-    """What the judge says, for a learner where one `learns`, and where it `is_kept` what judges others later."""
-    data, settings = posed.data, options.settings.judge
-    settings = replace(settings, parts=replace(settings.parts, prior=options.settings.mixture.prior))
-    model: HeldOutModel
-    if options.policy is None:
-        model = held_out_model(data, settings.held_out)
-    else:
-        model = HeldOutPolicy(data, options.cross_fitted(data.space, len(data.actions)), settings.held_out)
-    judgement = judge(data, model, settings, options.progress, options.linear_data(posed) if learns else None)
-    if not is_kept:
-        return judgement, None
-    from rpil.inference.fitted_judge import FittedJudge
-
-    return judgement, FittedJudge.of(judgement, data, settings, user_policy=options.policy is not None)
 
 
 def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> FitResult:
@@ -199,7 +179,7 @@ def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> FitResult:
     result = fit_mixture(data, search, options.adversary, options.progress)
     share = Interval(*result.state.prior.interval(result.posterior.expert))
     audit = audit_from_mixture(data, result, share, posed.demonstrations.ids, settings.audit)
-    fitted = FitResult(audit, posed.features, posed.features, state=result.state, converged=bool(result.converged))
+    fitted = FitResult(audit, posed.features, state=result.state, converged=bool(result.converged))
     return replace(fitted, n_iter=max(1, len(result.history) - 1), lower_bound=result.objective)
 
 
@@ -246,31 +226,34 @@ class FullFit:
         data = options.judged(self._data(different, features, copies.judged))
         return JudgeInput(different, data, features, copies=copies if copies.any else None)
 
+    def held_out(self, posed: JudgeInput) -> HeldOutModel:
+        """The policies that score demonstrations from which they did not learn."""
+        data, settings = posed.data, self.options.settings.judge.held_out
+        if self.options.policy is None:
+            return held_out_model(data, settings)
+        return HeldOutPolicy(data, self.options.cross_fitted(data.space, len(data.actions)), settings)
+
     def decide(self, posed: JudgeInput) -> FitResult:
         """The decision of the judge about all demonstrations, with the answers that were given."""
-        task, settings, copies = self.task, self.options.settings, posed.copies
-        is_kept = self.keeps_policy or posed.indices is not None  # the judge of a sample judges the others
-        judgement, judge, data = self.extend(posed, *judged_by(posed, self.options, is_kept, self.keeps_policy))
+        task, options, copies, judge_settings = self.task, self.options, posed.copies, self.options.settings.judge
+        learner = options.linear_data(posed) if self.keeps_policy else None
+        with_prior = replace(judge_settings, parts=replace(judge_settings.parts, prior=options.settings.mixture.prior))
+        judgement = judge(posed.data, self.held_out(posed), with_prior, options.progress, learner)
+        judgement, judge_of_all, data = self.extend(posed, judgement)
         # An audit answers like the judge, and without a policy its weights are for other trainings.
-        settings_of_audit = replace(settings.audit, judge=settings.judge, weighs_for_learner=self.keeps_policy)
-        audit = audit_from_judgement(judgement, data, task.source.ids, task.answers, settings_of_audit)
-        notes = (
-            *audit.notes,
-            *parts_not_judged(posed.data),
-            "" if copies is None else copies.sentence,
-        )
+        settings = replace(options.settings.audit, judge=judge_settings, weighs_for_learner=self.keeps_policy)
+        audit = audit_from_judgement(judgement, data, task.source.ids, task.answers, settings)
+        notes = *audit.notes, *parts_not_judged(posed.data), "" if copies is None else copies.sentence
         history, audit = judgement.scores.fit.history, replace(audit, notes=tuple(filter(None, notes)))
-        decided = FitResult(audit, posed.features, posed.features, judge=judge, judgement=judgement)
+        decided = FitResult(audit, posed.features, judge=judge_of_all, judgement=judgement)
         return replace(decided, n_iter=len(history), lower_bound=float(history[-1]))
 
-    def extend(
-        self, posed: JudgeInput, judgement: Judgement, judge: FittedJudge | None
-    ) -> tuple[Judgement, FittedJudge | None, FitData]:
-        """The judgement of all demonstrations, the judge of others, and the data of all."""
+    def extend(self, posed: JudgeInput, judgement: Judgement) -> tuple[Judgement, FittedJudge | None, FitData]:
+        """The judgement of all demonstrations, of a sample its judge, and the data of all."""
         if posed.copies is None:
-            return judgement, judge, posed.data
+            return judgement, None, posed.data
         every = self._data(self.task.demonstrations, posed.features)
-        return repeated(judgement, posed.copies, every.offsets), judge, every
+        return repeated(judgement, posed.copies, every.offsets), None, every
 
     def _data(self, demonstrations: Demonstrations, features: Features, rows: Indices = slice(None)) -> FitData:
         """The data of the demonstrations at `rows`, with labels and demonstrators."""
@@ -282,30 +265,18 @@ class FullFit:
         return replace(data, labels=task.answers.labels[rows], demonstrators=task.demonstrators.select(numbers))
 
     def fit_policy(self, posed: JudgeInput, decided: FitResult) -> FitResult:
-        """What was decided, with the weights of all steps, and the final policy, if it is kept."""
-        audit, judged = decided.audit, posed
+        """What was decided, with what the actions say, and the final policy, if it is kept."""
+        audit, judgement, settings = decided.audit, decided.judgement, self.options.settings.judge.held_out
+        if judgement is not None:
+            evidence = by_held_out_policies(judgement, self.options.linear_data(posed), posed.copies, settings)
+            phrases = deviations(audit, evidence, self.task.classes)
+            audit = replace(audit, deviations=phrases, traces=traces(audit, evidence, worth_a_look(audit)))
+        if not self.keeps_policy:
+            return replace(decided, audit=audit)
         if posed.copies is not None:  # the policy learns from copies as well
             every = self.task.demonstrations
             posed = replace(posed, demonstrations=every, data=self._data(every, posed.features))
-        data = posed.data
-        # Also for what sentences say; an audit looks for no parts, and compares with those that are no outliers.
-        part = audit.part if self.keeps_policy else np.where(audit.claimed < 0, -1.0, 1.0)
-        learner = replace(audit, part=part, settings=replace(audit.settings, weighs_for_learner=True))
-        final_policy = cache(lambda: self._final_policy(posed, weights_of(learner)))
-
-        def outputs(rows: Array) -> Array:
-            features, policy = final_policy()
-            return policy.outputs(features.design(posed.demonstrations.observations[rows]))
-
-        judgement, settings = decided.judgement, self.options.settings.judge.held_out
-        if judgement is None or (self.options.policy is not None and data.space.kind == "continuous"):
-            evidence = by_final_policy(audit, judgement, data, outputs, settings)
-        else:
-            evidence = by_held_out_policies(judgement, judged.data, judged.copies, settings)
-        phrases = deviations(audit, evidence, self.task.classes, outputs)
-        drawn = audit.traces or traces(audit, evidence, worth_a_look(audit))
-        features, policy = final_policy() if self.keeps_policy else (posed.features, None)
-        audit = replace(audit, deviations=phrases, traces=drawn)
+        features, policy = self._final_policy(posed, audit.step_weight)
         return replace(decided, audit=audit, features=features, policy=policy)
 
     def _final_policy(self, posed: JudgeInput, weight: Array) -> tuple[Features, FinalPolicy]:
@@ -324,4 +295,4 @@ def learn(task: Task, options: FitOptions, audit: Audit) -> FitResult:
     posed = JudgeInput(demonstrations, task.data(demonstrations, features), features)
     options.progress("the policy")
     final, policy = FullFit(task, options)._final_policy(posed, audit.step_weight)
-    return FitResult(audit, features, final, policy)
+    return FitResult(audit, final, policy)

@@ -29,7 +29,6 @@ from threadpoolctl import threadpool_limits
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.data.settings_record import settings_record
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.task import Task
@@ -41,17 +40,9 @@ from rpil.policies.linear import linear_policy
 from rpil.policies.protocol import Policy
 from rpil.policies.settings import SelectionSettings
 
-
-@settings_record(start_steps="[0, inf)")
-class ConcentrationSettings:
-    """The search of `RMEnt` for the best demonstrations, as in FAST-LTS (Rousseeuw and Van Driessen, 2006)."""
-
-    start_steps: int = 2
-    """Concentration steps of every start; two as in that paper."""
-    n_carried: int = 5
-    """Best starts that go on until the selection stays the same. Chosen by hand, not tuned."""
-    start_tol: float = 1e-3
-    """Largest entry of the gradient, a step, at which the policy of a start is fitted. Chosen by hand, not tuned."""
+START_STEPS, START_TOL, N_CARRIED = 2, 1e-3, 5
+"""Concentration steps of every start, as in FAST-LTS; the largest entry of the gradient, a step, at which its policy is
+fitted; and the best starts that go on until the selection stays the same. The last two are chosen by hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,20 +110,19 @@ def search(
     subsets: Sequence[Array],
     tol: float,
     max_iter: int,
-    settings: ConcentrationSettings,
 ) -> Selection:
     """The best selection from starts with policies fitted to the `subsets` (M,)."""
 
     def begin(subset: Array) -> Selection:
-        start = fit_selected(data, policy, subset, settings.start_tol)
-        return concentrate(data, start, n_trusted, settings.start_tol, settings.start_steps)
+        start = fit_selected(data, policy, subset, START_TOL)
+        return concentrate(data, start, n_trusted, START_TOL, START_STEPS)
 
     def go_on(start: Selection) -> Selection:
         return concentrate(data, fit_selected(data, start.policy, start.selected, tol), n_trusted, tol, max_iter)
 
     candidates = sorted(in_parallel(begin, subsets, data.features), key=lambda start: -start.objective)
     distinct = {start.selected.tobytes(): start for start in candidates}  # the best of equal selections comes last
-    carried = sorted(distinct.values(), key=lambda start: start.objective)[: settings.n_carried]
+    carried = sorted(distinct.values(), key=lambda start: start.objective)[:N_CARRIED]
     return min(in_parallel(go_on, carried, data.features), key=lambda start: start.objective)
 
 
@@ -156,8 +146,6 @@ class RMEnt(PolicyEstimator):
         Largest gradient entry, a step, at which the solver stops.
     random_state : int
         Same seed, same bits.
-    settings : ConcentrationSettings, optional
-        The search for the best demonstrations.
     groups : {"rows"}, optional
         "rows" takes every row for a demonstration where `fit` gets no groups; by default that is an error.
 
@@ -197,7 +185,6 @@ class RMEnt(PolicyEstimator):
         max_iter: int = 100,
         tol: float = 1e-6,
         random_state: int = 0,
-        settings: ConcentrationSettings | None = None,
         groups: Literal["rows"] | None = None,
     ) -> None:
         self.n_trusted = n_trusted
@@ -207,7 +194,6 @@ class RMEnt(PolicyEstimator):
         self.max_iter = max_iter
         self.tol = tol
         self.random_state = random_state
-        self.settings = settings
         self.groups = groups
 
     def fit(self, X: ArrayLike | Demonstrations, y: ArrayLike | None = None, groups: ArrayLike | None = None) -> RMEnt:
@@ -235,8 +221,7 @@ class RMEnt(PolicyEstimator):
             policy = linear_policy(space, ridge_of(self.features_, self.C, weight, space), weight)
             rng = np.random.default_rng(self.random_state)
             subsets = starts(len(demonstrations), n_trusted, max(1, self.n_starts), rng)
-            settings = self.settings or ConcentrationSettings()
-            selection = search(data, policy, n_trusted, subsets, self.tol, self.max_iter, settings)
+            selection = search(data, policy, n_trusted, subsets, self.tol, self.max_iter)
         self.policy_ = selection.policy.with_temperature(choice.temperature)
         self.ids_ = demonstrations.ids
         self.weights_ = selection.selected.astype(float)

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.utils.validation import check_is_fitted
 
-from rpil.data.coding import encode_demonstrations
-from rpil.data.demonstrations import Demonstrations
 from rpil.data.demonstrator_groups import DemonstratorNames
-from rpil.data.errors import DataError
 from rpil.data.files import StrPath
-from rpil.data.fit_data import FitData
 from rpil.data.recorded_facts import Outcome
 from rpil.estimators.cloning import PolicyEstimator
 from rpil.estimators.pipeline import FitOptions, FitResult, learn
@@ -26,16 +21,11 @@ from rpil.estimators.within_tasks import Statements, fit_task, fit_within_tasks,
 from rpil.formats.columns import Names
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
-from rpil.inference.fitted_judge import FittedJudge
 from rpil.mixture.adversaries.protocol import Adversary
-from rpil.mixture.em import State, e_step
+from rpil.mixture.em import State
 from rpil.numerics.types import Array
-from rpil.policies.protocol import CrossFittedPolicy
 from rpil.results.record import Audit
 from rpil.scale.protocol import Engine
-
-if TYPE_CHECKING:
-    from rpil.estimators.task import Features
 
 
 class RPIL(PolicyEstimator):
@@ -94,8 +84,6 @@ class RPIL(PolicyEstimator):
         The discrete actions; empty for continuous actions.
     coef_, intercept_ : arrays
         Of a linear policy.
-    judge_ : FittedJudge or None
-        Scores demonstrations that were not fitted; None where several tasks were judged, each by itself.
     state_ : State or None
         Of the mixture with a named adversary.
     lower_bound_ : float
@@ -115,8 +103,6 @@ class RPIL(PolicyEstimator):
     """
 
     audit_: Audit
-    judge_features_: Features
-    judge_: FittedJudge | None
     state_: State | None
     n_iter_: int
     lower_bound_: float
@@ -224,10 +210,9 @@ class RPIL(PolicyEstimator):
     def _keep(self, task: Task, fitted: FitResult) -> RPIL:
         """Copy the result of a fit."""
         self.space_, self.classes_ = task.space, task.classes
-        self.features_, self.judge_features_ = fitted.features, fitted.judge_features
         assert fitted.policy is not None
-        self.policy_ = fitted.policy
-        self.judge_, self.state_, self.audit_ = fitted.judge, fitted.state, fitted.audit
+        self.features_, self.policy_ = fitted.features, fitted.policy
+        self.state_, self.audit_ = fitted.state, fitted.audit
         self.n_iter_, self.lower_bound_, self.converged_ = fitted.n_iter, fitted.lower_bound, fitted.converged
         return self
 
@@ -240,33 +225,3 @@ class RPIL(PolicyEstimator):
     def expert_proba_(self) -> Array:
         """`Audit.expert_proba`, (M,)."""
         return self.audit_.expert_proba
-
-    def score_demonstrations(
-        self, X: ArrayLike | Demonstrations, y: ArrayLike | None = None, groups: ArrayLike | None = None
-    ) -> Array:
-        """Log-odds, as in `Audit.log_odds`, for demonstrations that were not fitted, (M,).
-
-        Answers, as labels and outcomes, concern the fitted demonstrations alone.
-
-        Raises
-        ------
-        DataError
-            Where an action is not among `classes_`.
-        """
-        check_is_fitted(self)
-        if self.judge_ is None and self.state_ is None:
-            raise DataError("This RPIL judged several tasks, each by itself, and no task is given here; fit one task.")
-        demonstrations = as_demonstrations(self, X, y, groups, reset=False)
-        codes = encode_demonstrations(self.classes_, self.space_, demonstrations)
-        design = self.judge_features_.design(demonstrations.observations)
-        data = FitData(design, codes, demonstrations.offsets, self.space_)
-        if self.judge_ is None:
-            assert self.state_ is not None
-            return np.asarray(e_step(data, self.state_, self.state_.policy.outputs(design)).log_odds)
-        settings = (self.settings or Settings()).judge
-        if self.judge_.ratio is not None:
-            scored = self.judge_.ratio.step_ratios(design, codes, settings.held_out)[2]
-            return self.judge_.log_odds(data, scored, settings)
-        assert isinstance(self.policy_, CrossFittedPolicy)
-        outputs = self.policy_.outputs(self.features_.design(demonstrations.observations))
-        return self.judge_.log_odds(data, self.judge_.step_ratios_of(self.policy_, outputs, codes, settings), settings)

@@ -25,26 +25,21 @@ Given = Demonstrations | Frame | list[object] | Iterator[object]
 """Demonstrations, or what they are read from: a data frame, or trajectories."""
 
 
-def checked_steps(estimator: BaseEstimator, X: ArrayLike, y: ArrayLike | None, reset: bool) -> tuple[Array, Array]:
+def checked_steps(estimator: BaseEstimator, X: ArrayLike, y: ArrayLike | None) -> tuple[Array, Array]:
     """Observations and actions, checked by scikit-learn."""
-    if reset:
-        estimator.observation_names_ = ()
+    estimator.observation_names_ = ()
     given = np.asarray(y)
     checked: tuple[Array, Array] = validate_data(
-        estimator, X, y, reset=reset, multi_output=given.ndim == 2 and given.dtype.kind == "f"
+        estimator, X, y, multi_output=given.ndim == 2 and given.dtype.kind == "f"
     )
     if checked[1].ndim == 1 and checked[1].dtype.kind == "f" and not are_whole(checked[1]):
         raise DataError("Unknown label type: continuous; give continuous actions as columns, (N, 1) where it is one.")
     return checked
 
 
-def see(estimator: BaseEstimator, X: DemonstrationSet, reset: bool = True) -> None:
-    """Keep the names of the observations, or refuse another number of them than was fitted."""
-    if reset:
-        estimator.n_features_in_ = X.n_observations
-        estimator.observation_names_ = X.observation_names
-    elif estimator.n_features_in_ != X.n_observations:
-        raise DataError(f"{X.source}: {X.n_observations} observations, but {estimator.n_features_in_} were fitted.")
+def see(estimator: BaseEstimator, X: DemonstrationSet) -> None:
+    """Keep the names of the observations."""
+    estimator.n_features_in_, estimator.observation_names_ = X.n_observations, X.observation_names
 
 
 def checked_rows(estimator: BaseEstimator, X: ArrayLike) -> Array:
@@ -70,7 +65,6 @@ def as_demonstrations(
     X: ArrayLike | Given,
     y: ArrayLike | None,
     groups: ArrayLike | None = None,
-    reset: bool = True,
 ) -> Demonstrations:
     """`Demonstrations` from observations (N, D), actions and groups (N,), a data frame or a list of trajectories.
 
@@ -79,9 +73,9 @@ def as_demonstrations(
     if y is None and isinstance(X, Frame | list | Iterator):
         X = read(X)
     if isinstance(X, Demonstrations):
-        see(estimator, X, reset)
+        see(estimator, X)
         return X
-    observations, actions = checked_steps(estimator, cast(ArrayLike, X), y, reset)
+    observations, actions = checked_steps(estimator, cast(ArrayLike, X), y)
     if actions.dtype.kind not in "fc":
         check_classification_targets(actions)
     if groups is None:

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.demonstrator_groups import DemonstratorNames, names_by_id
-from rpil.data.errors import DataError, DataWarning, user_stack_level
+from rpil.data.errors import DataError, user_stack_level
 from rpil.data.files import StrPath
 from rpil.data.names import quoted
 from rpil.data.recorded_facts import Outcome, check_outcome, check_sessions
@@ -25,15 +25,13 @@ from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
-from rpil.results.evidence import with_fewer_traces
-from rpil.results.judged import MAX_DRAWN
 from rpil.results.record import Audit
 from rpil.results.step_weights import takeover_signs
 from rpil.results.summary import assumption_sentences
 from rpil.results.tasks import join_audits, select, with_labels_alone
 
 MIN_DEMONSTRATIONS = 8
-"""Of a task: with fewer the verdicts are weak, and a user is warned."""
+"""Of a task: with fewer the verdicts are weak, as a note says."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,18 +91,6 @@ class Statements:
         answers = self.answers.select(rows)
         return replace(self, answers=answers, demonstrators=names, order=order, taken_over=taken_over)
 
-    def with_good(self, outcomes: Sequence[Array], n: int) -> Statements:
-        """The same after `n` demonstrations of the reference were appended, which are labelled as good."""
-        answers = self.answers
-        more = np.full((n, answers.outcomes.shape[1]), np.nan)
-        more[:, more.shape[1] - len(outcomes) :] = np.column_stack([np.empty((n, 0)), *outcomes])  # files come first
-        both = replace(
-            answers,
-            labels=np.append(answers.labels, np.ones(n, dtype=int)),
-            outcomes=np.concatenate([answers.outcomes, more]),
-        )
-        return replace(self, answers=both, order=None, reference=None, taken_over=())  # of two files none states these
-
 
 def split_by_task(
     ids: Sequence[Hashable], tasks: Mapping[str, str], sessions: Sequence[str] = ()
@@ -134,21 +120,16 @@ def fit_within_tasks(
     demonstrations, places = recording.demonstrations, groups_of(recording, stated)
     if len(places) == 1:
         audit, fitted = _fit_group(demonstrations, stated, options, keeps_policy)
-        if stated.reference is None and (n := len(demonstrations)) < MIN_DEMONSTRATIONS:
-            few = f"{n} demonstrations are too few to judge them well: give {MIN_DEMONSTRATIONS} or more."
-            audit = replace(audit, notes=(few, *audit.notes))
         return _with_facts(audit, recording, stated), [fitted]
     options, fits = replace(options, engine=None), list[tuple[Task, FitResult]]()
     what = "sessions" if recording.options.session else "tasks"
     what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
     audits, n_pairs = dict[str, Audit](), 0
-    _warn_of_few([(group, len(rows)) for group, rows in places.items() if len(rows) < MIN_DEMONSTRATIONS], recording)
     for group, rows in places.items():
         of_group = stated.select(rows, (demonstrations.ids[m] for m in rows))
         n_pairs += len(of_group.answers.compared)
         if len(rows) > 1 or stated.reference is not None:
-            audit, fitted = _fit_group(demonstrations.select(rows), of_group, options, keeps_policy)
-            audits[group] = with_fewer_traces(audit, -(-MAX_DRAWN * len(rows) // len(demonstrations)))
+            audits[group], fitted = _fit_group(demonstrations.select(rows), of_group, options, keeps_policy)
             fits.append(fitted)
     if n := len(stated.answers.compared) - n_pairs:
         pairs, are = (f"{n} pairs compare", "are") if n > 1 else ("1 pair compares", "is")
@@ -179,14 +160,23 @@ def _fit_group(
     """The audit of demonstrations that are judged together, beside a reference if there is one, and their fit."""
     n, ids = len(demonstrations), demonstrations.ids
     if stated.reference is not None:
-        first = demonstrations.select(slice(None))  # in memory
-        demonstrations = with_reference(first, stated.reference.demonstrations.select(slice(None)))
-        stated = stated.with_good(stated.reference.facts.outcomes, len(demonstrations) - n)
+        first, beside, given = demonstrations.select(slice(None)), stated.reference, stated.answers  # in memory
+        demonstrations = with_reference(first, beside.demonstrations.select(slice(None)))
+        more = len(demonstrations) - n
+        outcomes = np.full((more, given.outcomes.shape[1]), np.nan)
+        for k, values in enumerate(beside.facts.outcomes[::-1], 1):  # those of files come first
+            outcomes[:, -k] = values
+        labels = np.append(given.labels, np.ones(more, dtype=int))  # those of the reference are good
+        answers = replace(given, labels=labels, outcomes=np.concatenate([given.outcomes, outcomes]))
+        stated = replace(stated, answers=answers, order=None, taken_over=())  # of two files none states these
     task = Task.of(demonstrations, options.action_box, stated.answers, stated.demonstrators or None)
     if stated.taken_over:
         task = replace(task, taken_over=np.concatenate(stated.taken_over))
     result = fit_task(task, options, keeps_policy)
-    audit = result.audit if len(result.audit.ids) == n else select(result.audit, range(n), ids)
+    audit = result.audit if stated.reference is None else select(result.audit, range(n), ids)
+    if stated.reference is None and n < MIN_DEMONSTRATIONS:
+        few = f"{n} demonstrations are too few to judge them well: give {MIN_DEMONSTRATIONS} or more."
+        audit = replace(audit, notes=(few, *audit.notes))
     if not keeps_policy and audit.anchor == "answers":  # a mean of 1 over those that are not of the reference
         audit = replace(audit, step_weight=audit.step_weight / audit.step_weight.mean())
     return audit, (task, result)
@@ -220,20 +210,6 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
         message = "EM stopped at max_iter before it converged; raise max_iter or tol."
         warnings.warn(message, ConvergenceWarning, stacklevel=user_stack_level())
     return replace(result, audit=replace(result.audit, assumptions=sentences))
-
-
-def _warn_of_few(few: Sequence[tuple[str, int]], recording: Recording) -> None:
-    """Warn where tasks or sessions, with so many demonstrations, have too `few`."""
-    if few:
-        description, options = recording.description, recording.options
-        what = "session" if options.session else "task"
-        remedy = "leave out <option>" if options.session else f"add <option>{description.task_column!r}"
-        more = f" and {len(few) - 1:,} other {what}s fewer than {MIN_DEMONSTRATIONS}" * (len(few) > 1)
-        sentence = (
-            f"{description.source}: the {what} {few[0][0]!r} has {few[0][1]} demonstrations{more}, too few to judge "
-            f"them well; to judge all {what}s as one, {remedy}."
-        )
-        warnings.warn(DataWarning(sentence, "session" if options.session else "exclude"), stacklevel=1)
 
 
 def with_reference(demonstrations: Demonstrations, reference: Demonstrations) -> Demonstrations:
@@ -275,5 +251,4 @@ def _kind_of_action(demonstrations: Demonstrations) -> str:
     if demonstrations.is_discrete:
         return "discrete text" if demonstrations.actions.dtype.kind == "U" else "discrete numbers"
     names = demonstrations.action_names
-    parts = f" ({quoted(names, 5)})" if names else ""
-    return f"{demonstrations.n_actions} continuous numbers{parts}"
+    return f"{demonstrations.n_actions} continuous numbers{f' ({quoted(names, 5)})' * bool(names)}"

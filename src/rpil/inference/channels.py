@@ -22,6 +22,8 @@ from rpil.numerics.types import Array, Bool, Float
 
 CHANNELS = (
     "agreement",
+    "gain over own actions",
+    "gain over all actions",
     "length",
     "smoothness",
     "motion",
@@ -56,17 +58,25 @@ class StateScale:
 def channels(
     data: FitData,
     agreement: Float[Array, " M"],
+    log_prob: Float[Array, " N"],
+    log_ratio: Float[Array, " N"],
     actions: Float[Array, "N A"],
     states: StateScale,
+    errors: ErrorSettings,
 ) -> Float[Array, "M C"]:
-    """The channels of M demonstrations, in the order of `CHANNELS`; `agreement` is their log-odds, and `actions` are
-    scaled, or indicators of discrete actions."""
+    """The channels of M demonstrations, in the order of `CHANNELS`.
+
+    `agreement` is their log-odds; `log_prob` is log pi of each step and `log_ratio` is log pi - log q; `actions` are
+    scaled, or indicators of discrete actions.
+    """
     inside, moves_of = _inside(data), np.maximum(data.lengths - 1, 1)
     moves = _moves(data.features, states.spread, data)
     changes = np.append(np.abs(np.diff(actions, axis=0)).sum(axis=1), 0.0) * inside
     idle = data.sum_steps((moves <= states.rest) & inside) / moves_of
     columns = [
         agreement,
+        data.mean_steps(log_prob) - own_log_prob(data, actions, errors),
+        data.mean_steps(log_ratio),
         np.log(data.lengths),
         -data.sum_steps(changes) / moves_of,
         -idle,

@@ -13,13 +13,11 @@ from rpil.inference.channels import StateScale, own_log_prob
 from rpil.inference.groups import Groups
 from rpil.inference.held_out import fit_weighted, frequencies, with_lapses
 from rpil.inference.parts import ActionScale
-from rpil.inference.scores import mean_variance
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import linear, log_softmax
 from rpil.numerics.regression import error_scale, normal_equations, solve_ridge, student_log_densities
-from rpil.numerics.types import Array, Float, Int, Shaped
-from rpil.policies.protocol import CrossFittedPolicy
+from rpil.numerics.types import Array, Float, Int
 
 StepRatios = tuple[Float[Array, " N"], Float[Array, " N"], Float[Array, " N"]]
 """Of each step, nats: log pi, log pi - log q, and what scores are means of."""
@@ -110,42 +108,21 @@ def fit_ratio(data: FitData, weight: Float[Array, " N"], ridge: float, settings:
 class FittedJudge:
     """What is needed to judge demonstrations that were not fitted."""
 
-    ratio: Ratio | None
-    """Gives the log-ratios of steps; None where the user's policy gives them."""
+    ratio: Ratio
+    """Gives the log-ratios of steps."""
     groups: Groups
     step_variance: float
     """Of the log-ratio of a step within a demonstration."""
     states: StateScale
-    reference: Shaped[Array, " K"] | None = None
-    """Without a `ratio`: the frequencies of the actions, (K,), or the spreads of their parts, (A,)."""
     typical_own: float | None = None
     """See `rpil.inference.scores.Scoring`; None where actions are discrete."""
 
     @classmethod
-    def of(cls, judgement: Judgement, data: FitData, settings: JudgeSettings, user_policy: bool = False) -> FittedJudge:
-        """From a judgement of `data`; with `user_policy` there is no `ratio`, because the user's policy replaces it."""
-        scores, discrete = judgement.scores, data.space.kind == "discrete"
-        similar = scores.typical_own
-        if user_policy:
-            reference = frequencies(data) if discrete else ActionScale.of(data).spread
-            return cls(None, scores.groups, scores.step_variance, judgement.states, reference, similar)
-        weight = data.per_step(judgement.training_group.astype(float))
+    def of(cls, judgement: Judgement, data: FitData, settings: JudgeSettings) -> FittedJudge:
+        """From a judgement of `data`."""
+        scores, weight = judgement.scores, data.per_step(judgement.training_group.astype(float))
         ratio = fit_ratio(data, weight, scores.fit.ridge, settings.held_out)
-        return cls(ratio, scores.groups, scores.step_variance, judgement.states, None, similar)
-
-    def step_ratios_of(
-        self,
-        policy: CrossFittedPolicy,
-        outputs: Float[Array, "N ..."],
-        actions: Shaped[Array, "N ..."],
-        settings: JudgeSettings,
-    ) -> Float[Array, " N"]:
-        """Log-ratios of the actions taken, of which scores are means, where the user's `policy` has these `outputs`."""
-        assert self.reference is not None
-        if actions.ndim > 1:
-            return np.asarray(policy.log_prob(outputs, actions) + np.log(self.reference).sum())
-        log_prob = with_lapses(outputs, self.reference, actions, settings.held_out.lapse)
-        return np.asarray(log_prob - np.log(self.reference)[actions])
+        return cls(ratio, scores.groups, scores.step_variance, judgement.states, scores.typical_own)
 
     def score(
         self, data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings
@@ -156,12 +133,5 @@ class FittedJudge:
         squares = data.sum_steps((log_ratio - data.per_step(mean)) ** 2)
         if self.typical_own is None:
             return mean, squares
-        actions = data.actions / self.reference if self.ratio is None else self.ratio.indicators(data.actions)
-        own = own_log_prob(data, actions, settings.held_out.errors)
+        own = own_log_prob(data, self.ratio.indicators(data.actions), settings.held_out.errors)
         return mean - settings.monotony * np.maximum(own - self.typical_own, 0.0), squares
-
-    def log_odds(self, data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings) -> Float[Array, " M"]:
-        """Log-odds of the upper group against the lower, of demonstrations whose steps have these log-ratios."""
-        score, squares = self.score(data, log_ratio, settings)
-        variance = mean_variance(squares, data.lengths, self.step_variance, settings.variance_steps)
-        return self.groups.log_odds(score, variance)

@@ -79,9 +79,10 @@ def judge(
     progress("fitting the training group")
     scores = score_by_best_group(scoring)
     progress("what the scores support")
-    claims, log_ratio = claim(scoring, scores), scores.fit.log_prob - scoring.log_q
+    claims, log_prob = claim(scoring, scores), scores.fit.log_prob
+    log_ratio = log_prob - scoring.log_q
     actions, states = indicators(data), StateScale.of(data, settings.channels)
-    values = channels(data, scores.log_odds, actions, states)
+    values = channels(data, scores.log_odds, log_prob, log_ratio, actions, states, settings.held_out.errors)
     seen = components(summaries(data, actions), settings.channels)
     columns, own = columns_of(values, seen, scores.log_odds, settings.answers), np.arange(data.n_demonstrations)
     part = np.zeros(len(own)) if learner is None else two_parts(learner, scores, claims.verdicts < 0, settings)

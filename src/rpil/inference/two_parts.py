@@ -19,13 +19,13 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.special import betaln, expit, logit, logsumexp
-from scipy.stats import rankdata
 
 from rpil.data.fit_data import FitData
 from rpil.inference.held_out import HeldOutModel, held_out_model
 from rpil.inference.outliers import gains
 from rpil.inference.scores import Scores
 from rpil.inference.settings import JudgeSettings, PartSettings
+from rpil.numerics.regression import mean_ranks
 from rpil.numerics.types import Array, Bool, Float
 
 
@@ -73,7 +73,7 @@ def are_situations(data: FitData, part: Bool[Array, " M"]) -> bool:
     z = (first - first.mean(axis=0)) / (first.std(axis=0) + 1e-9)
     kernel, aim = z @ z.T, part - part.mean()
     hat = kernel @ np.linalg.inv(kernel + n * np.eye(n))
-    place = rankdata((hat @ aim - np.diag(hat) * aim) / (1 - np.diag(hat)))
+    place = mean_ranks((hat @ aim - np.diag(hat) * aim) / (1 - np.diag(hat)))
     n_pairs = part.sum() * (~part).sum()
     excess = (place[part].sum() - part.sum() * (part.sum() + 1) / 2) / n_pairs - 0.5
     return bool(excess > max(0.35, 3 * np.sqrt((n + 1) / (12 * n_pairs))))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from collections.abc import Hashable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import chain, compress
@@ -18,13 +19,17 @@ import numpy as np
 from rpil.data.arrays import Id
 from rpil.data.cells import from_cell
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, check_extension, check_readable
+from rpil.data.files import StrPath, check_extension, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.id_values import read_labels
 from rpil.data.json_files import LARGEST_TABLE, parse, read_text
+from rpil.data.run import RUN_KEY
 from rpil.data.text import MAX_IDS, listed, printable
+from rpil.formats import write_columns
 from rpil.formats.parquet_file import read_table
 from rpil.numerics.types import Array, Float
+from rpil.results.provenance import PROVENANCE_KEY
+from rpil.results.result import AuditResult
 from rpil.results.vocabulary import SIDES, WORSE
 
 TABLE_EXTENSIONS = (".csv", ".parquet", ".json")
@@ -111,7 +116,7 @@ def choose(table: Table, asked: Asked = Asked()) -> Choice:
     Parameters
     ----------
     table : mapping of column to M values
-        As `rpil.results.verdict_table.verdict_columns` and `read_verdicts` give it.
+        As `rpil.results.result.AuditResult.table` and `read_verdicts` give it.
 
     Raises
     ------
@@ -141,12 +146,6 @@ def _rule_of(name: str, label: object, rule: str, below: bool, asked: Asked) -> 
     found = {"labels": label == "bad", "outcome": rule == "outcome" and label != "good", "faults": name in asked.faulty}
     inferred = ("threshold", below) if asked.by_number else (rule, not label)
     return next((one for one, holds in (*found.items(), inferred) if holds and one not in asked.ignored), "")
-
-
-def rows_of(table: Table, ids: Set[str]) -> Table:
-    """The rows of a table of verdicts about the demonstrations `ids`, which are texts."""
-    there = [str(name) in ids for name in table["id"]]
-    return {column: list(compress(values, there)) for column, values in table.items()}
 
 
 def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
@@ -212,3 +211,37 @@ def _numbers(table: Table, column: str) -> Float[Array, " M"]:
         return np.array(cast(Sequence[float], table[column]), dtype=float)
     except (KeyError, ValueError, TypeError) as error:
         raise DataError(f"The verdicts have no numbers in {column}; give those that rpil audit wrote.") from error
+
+
+def write_verdicts(path: StrPath, audit: AuditResult, columns: Table) -> None:
+    """Write the `AuditResult.table` of an audit to a .csv, .parquet or .json file.
+
+    JSON holds a list of objects. Parquet has the run id and the provenance among its metadata too.
+
+    Raises
+    ------
+    DataError
+        Where the path has another extension, or cannot be written.
+    """
+    said = {RUN_KEY: audit.run_id}
+    if audit.provenance is not None:
+        said[PROVENANCE_KEY] = json.dumps(audit.provenance.to_dict())
+    write_columns(path, {**columns, "id": file_ids(audit.ids)}, "verdicts", said)
+
+
+def write_kept(path: StrPath, audit: AuditResult, choice: Choice) -> None:
+    """Write ``{"episodes": [...], "rejected": {...}, "run": ..., "provenance": ...}``: the ids that are kept, and those
+    that are rejected by rule.
+
+    Ids are in the order of the data. Whole numbers are written as such: then the list is what LeRobot takes as the
+    episodes of a data set.
+
+    Raises
+    ------
+    DataError
+        Where the path has another extension, or cannot be written.
+    """
+    made = {} if audit.provenance is None else {"provenance": audit.provenance.to_dict()}
+    content = choice.to_dict() | {"run": audit.run_id} | made
+    with replacing(check_extension(path, (".json",), "demonstrations to keep")) as temporary:
+        temporary.write_text(json.dumps(content, allow_nan=False, indent=1) + "\n", encoding="utf-8")

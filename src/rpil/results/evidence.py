@@ -12,9 +12,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Hashable
-from dataclasses import dataclass, replace
-from typing import Literal
+from collections.abc import Hashable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,8 +26,8 @@ from rpil.inference.findings import DECIDED
 from rpil.inference.held_out import HeldOutRidge, held_out_model, log_reference
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
+from rpil.inference.trimming import choose_ridge
 from rpil.inference.trust import Judgement
-from rpil.numerics.blocks import at_actions
 from rpil.numerics.regression import error_scale, student_log_densities
 from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.results.answering import looking_order
@@ -36,9 +35,6 @@ from rpil.results.judged import MAX_DRAWN, TracedPart, Traces, bin_means, bin_st
 from rpil.results.reasons import worst_stretch
 from rpil.results.record import Audit
 from rpil.results.vocabulary import SIDES
-
-PolicyOutputs = Callable[[Int[Array, " R"]], Float[Array, "R O"]]
-"""The outputs of the policy of the trusted in some of the steps: log-probabilities, or means."""
 
 BAND = 0.05, 0.95
 """Quantiles of what the rest do that are drawn."""
@@ -69,7 +65,6 @@ class StepEvidence:
     """The band of the rest."""
     nats: Float[Array, "N J"]
     """The log-ratio of each part, less that of the median one of the rest a step, in nats."""
-    compared_with: Literal["others", "trusted"]
 
     @classmethod
     def of(
@@ -79,7 +74,6 @@ class StepEvidence:
         expected: Float[Array, "N ..."],
         rest: Bool[Array, " K"],
         settings: HeldOutSettings,
-        compared_with: Literal["others", "trusted"] = "others",
     ) -> StepEvidence:
         """Compare with the means `expected` of a policy, (N, A), or the log-probabilities of the actions, (N,)."""
         if isinstance(data.space, Discrete):
@@ -99,50 +93,28 @@ class StepEvidence:
         ends = (mean + end for end in np.quantile((value - mean)[data.per_step(rest)], BAND, axis=0))
         low, high = (np.clip(end, low, high) for end in ends)  # nobody acts beyond the box
         usual = np.median((data.sum_steps(log_ratio) / data.lengths[:, None])[rest], axis=0)
-        return cls(data, members, value, low, high, log_ratio - usual, compared_with)
-
-
-def members_of_rest(judgement: Judgement, members: Int[Array, " K"]) -> Bool[Array, " K"]:
-    """Which of the `members` are of the rest: all but those that differ, by the claims of the judge."""
-    return np.asarray(~judgement.claims.lower[members])
+        return cls(data, members, value, low, high, log_ratio - usual)
 
 
 def by_held_out_policies(
     judgement: Judgement, data: FitData, copies: Copies | None, settings: HeldOutSettings
 ) -> StepEvidence:
-    """By the held-out policies of the judge, which read `data`, without `copies` of others."""
+    """By held-out policies, linear in `data` where actions are continuous, without `copies` of others."""
     fit, members = judgement.scores.fit, np.arange(data.n_demonstrations) if copies is None else copies.judged
     if data.space.kind == "discrete":
         expected = fit.log_prob
     else:
-        weight, model = data.per_step(judgement.training_group.astype(float)), held_out_model(data, settings)
+        group, model = judgement.training_group, held_out_model(data, settings)
         assert isinstance(model, HeldOutRidge)
-        expected = ActionScale.of(data).back(model.actions - model.errors(weight, fit.ridge))
-    return StepEvidence.of(data, members, expected, members_of_rest(judgement, members), settings)
-
-
-def by_final_policy(
-    audit: Audit, judgement: Judgement | None, data: FitData, outputs: PolicyOutputs, settings: HeldOutSettings
-) -> StepEvidence:
-    """By the final policy, with these `outputs`, where the adversary was named, and of continuous actions where the
-    policy is the user's. It learned from all that are trusted."""
-    expected, members = outputs(np.arange(len(data.actions))), np.arange(data.n_demonstrations)
-    expected = at_actions(expected, data.actions) if data.space.kind == "discrete" else expected
-    trusted = np.array([SIDES[verdict] == "upper" for verdict in audit.verdicts])
-    rest = trusted | ~trusted.any() if judgement is None else members_of_rest(judgement, members)
-    return StepEvidence.of(data, members, expected, rest, settings, "trusted")
+        ridge = fit.ridge or choose_ridge(data, model, group)  # the user's policy has none
+        expected = ActionScale.of(data).back(model.actions - model.errors(data.per_step(group.astype(float)), ridge))
+    return StepEvidence.of(data, members, expected, ~judgement.claims.lower[members], settings)
 
 
 def worth_a_look(audit: Audit, size: int = MAX_DRAWN) -> Int[Array, " K"]:
     """Up to `size` demonstrations, the first in the order of looking; in the order of the data where these are all."""
     order = np.array(looking_order(audit)[0], dtype=np.int64)
     return np.sort(order) if len(order) <= size else order[:size]
-
-
-def with_fewer_traces(audit: Audit, size: int) -> Audit:
-    """The audit with the traces of up to `size` demonstrations, those most worth a look."""
-    chosen = [audit.ids[m] for m in worth_a_look(audit, size).tolist()]
-    return replace(audit, traces={name: audit.traces[name] for name in chosen if name in audit.traces})
 
 
 def evidence_by_part(nats: Float[Array, " J"]) -> tuple[tuple[int, float], ...]:
@@ -180,19 +152,20 @@ def _traces(evidence: StepEvidence, place: int) -> Traces:
         TracedPart(part_name(data, j), share, float(nats[j]), *means[j]) for j, share in evidence_by_part(nats)
     )
     if data.space.kind != "discrete":
-        return Traces(parts, (), evidence.compared_with)
+        return Traces(parts)
     starts = bin_starts(rows.stop - rows.start)
     least = starts + [int(np.argmin(each)) for each in np.split(evidence.value[rows, 0], starts[1:])]
     taken = data.actions[rows][least].tolist()
     names = {code: printable(data.action_name(code)) for code in set(taken)}
-    return Traces(parts, tuple(names[code] for code in taken), evidence.compared_with)
+    return Traces(parts, tuple(names[code] for code in taken))
 
 
-def deviations(audit: Audit, evidence: StepEvidence, classes: Array, outputs: PolicyOutputs) -> tuple[str, ...]:
+def deviations(audit: Audit, evidence: StepEvidence, classes: Array) -> tuple[str, ...]:
     """A phrase for each demonstration with a stretch of bad steps, and "" for all others, (M,).
 
-    Discrete actions are codes of `classes`, beside the most likely ones by the `outputs`. Of continuous actions it is a
-    part that moves in most others alone, or that with most of the evidence. It takes a trusted group to compare with.
+    Of discrete actions, codes of `classes`, it is the most frequent one of those that others mostly do not take there.
+    Of continuous actions it is a part that moves in most others alone, or that with most of the evidence. It takes a
+    trusted group to compare with.
     """
     if audit.finding not in DECIDED or (audit.anchor != "none" and "upper" not in map(SIDES.get, audit.verdicts)):
         return ()
@@ -205,8 +178,7 @@ def deviations(audit: Audit, evidence: StepEvidence, classes: Array, outputs: Po
         elif data.space.kind != "discrete":
             phrases.append(_far_part(evidence, rows, steps, never[place]))
         else:
-            likely = outputs(audit.offsets[m] + steps).argmax(axis=1)
-            phrases.append(_other_action(classes[data.actions[rows]], classes[likely]))
+            phrases.append(_other_action(classes[data.actions[rows]], evidence.value[rows, 0]))
     return tuple(phrases)
 
 
@@ -220,14 +192,14 @@ def _worst_steps(audit: Audit, index: int) -> Int[Array, " R"]:
     return np.asarray(own[np.argsort(log_ratio[own], kind="stable")[:MAX_STEPS]])
 
 
-def _other_action(taken: Array, likely: Array) -> str:
-    """The most frequent pair of an action taken, and another that the trusted most likely take."""
-    pairs = Counter(p for p in zip(taken.tolist(), likely.tolist(), strict=True) if p[0] != p[1]).most_common(1)
-    if not pairs or pairs[0][1] < MIN_SHARE * len(taken):
+def _other_action(taken: Array, proba: Float[Array, " R"]) -> str:
+    """The most frequent of the actions taken whose probability by the policy of the rest is below 1/2."""
+    found = Counter(taken[proba < 0.5].tolist()).most_common(1)
+    if not found or found[0][1] < MIN_SHARE * len(taken):
         return ""
-    (own, other), count = pairs[0]
-    compared = f"it takes action {printable(own)} where others most likely take {printable(other)}"
-    return f"{compared} ({count} of its {len(taken)} worst steps)"
+    own, count = found[0]
+    share = f"{count} of its {len(taken)} worst steps"
+    return f"it takes action {printable(own)} where others mostly take another ({share})"
 
 
 def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, " R"], never: Bool[Array, " J"]) -> str:

@@ -62,13 +62,6 @@ class AuditPlots:
             ax.fill_between(steps, mean, where=side, interpolate=True, color=colour, alpha=0.25, linewidth=0)
         ax.plot(steps, mean, color="#4a5158", linewidth=1.2)
         ax.plot(marks, ratio[marks], "o", color=COLOURS["lower"], markersize=6, fillstyle="none")
-        # Bad steps are often neighbours, so that their numbers would overlap: one number for each run of them.
-        labelled: list[int] = []
-        for step in marks:
-            if all(abs(step - other) > len(steps) / 20 for other in labelled):
-                labelled.append(step)
-                text = ax.text(step, ratio[step], f"\n{step}", ha="center", va="top", linespacing=0.8)
-                text.set(fontsize="small", color=COLOURS["lower"])
         ax.margins(x=0.01, y=0.12)
         ax.set(xlabel="Step", ylabel="Evidence")
         ax.set_title(f"Demonstration {printable(self.audit.ids[index])}", parse_math=False)

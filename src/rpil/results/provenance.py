@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass
 from pathlib import Path
 
-from rpil.data.archive import rpil_version, stored
+from rpil.data.archive import rpil_version
 from rpil.data.files import StrPath
 from rpil.data.folders import is_hidden
 from rpil.data.privacy import for_others
@@ -21,7 +21,6 @@ _MOST_DIGESTED = 256 * 2**20
 """Bytes of a file that are all read for a digest."""
 
 
-@stored()
 @dataclass(frozen=True)
 class Provenance:
     """How a result was made; `settings` are those that are not the defaults, `files` the data and then other files."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rpil.data.archive import stored
 from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.results.answering import looking_order
@@ -23,7 +22,6 @@ TITLE, IN_MEMORY = "Audit of demonstrations", "in memory"
 __all__ = ["Audit", "Demonstrator", "Interval"]
 
 
-@stored()
 @dataclass(frozen=True, eq=False, repr=False)
 class Audit(AuditResult):
     """The result about the demonstrations: M of them, with N steps in all.
@@ -102,7 +100,7 @@ class Audit(AuditResult):
         1 in steps in which a person had taken over, -1 in those just before, else 0 (`rpil.results.step_weights`); None
         where no column says it.
     traces : dict of id to Traces
-        The parts of the action with most of the evidence, of up to 300 demonstrations that are most worth a look
+        The parts of the action with most of the evidence, of up to 300 demonstrations (of each task) most worth a look
         (`rpil.results.judged`); as `sessions`.
     settings : AuditSettings
         Those by which verdicts and weights were given.
@@ -129,9 +127,9 @@ class Audit(AuditResult):
     def choice(self) -> Choice:
         """Which demonstrations ``rpil keep`` keeps, ``choice.kept``, and which it rejects by each rule,
         ``choice.rejected``."""
-        from rpil.results.verdict_table import choice_of
+        from rpil.results.choice import choose
 
-        return choice_of(self)
+        return choose(self.table())
 
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
         """A data frame with a row for each demonstration, in the order of looking: the first to look at first.
@@ -139,8 +137,7 @@ class Audit(AuditResult):
         The columns are those of the verdicts that ``rpil audit --verdicts`` writes: id, verdict, label, said,
         rejected_by (the rule by which ``rpil keep`` rejects it), rank (the place in the ranking, 1 the most trusted),
         look (the place in the order of looking), expert_proba (the probability that `vocabulary` names), log_odds and
-        its parts, reliability, n_steps, facts, and the reason; demonstrator where demonstrators were given, and session
-        where sessions are known.
+        its parts, reliability, n_steps, facts such as fact_session, the reason, and demonstrator if it was given.
 
         Parameters
         ----------
@@ -152,15 +149,9 @@ class Audit(AuditResult):
         DataError
             If the backend is unknown or not installed.
         """
-        from rpil.results.verdict_table import verdict_columns
-
-        who = {str(name): str(one.name) for one in self.demonstrators for name in one.demonstrations}
-        columns = verdict_columns(self, who)
-        for name in ("faults", "task", "run") if who else ("faults", "task", "run", "demonstrator"):
+        columns, order = self.table(), looking_order(self)[0]
+        for name in ("faults", "task", "run", *["demonstrator"] * (not self.demonstrators)):
             del columns[name]  # an audit does not know these
-        if self.sessions:
-            columns["session"] = self.sessions
-        order = looking_order(self)[0]
         return data_frame({name: [column[m] for m in order] for name, column in columns.items()}, backend)
 
     def to_html(self, path: StrPath, title: str = TITLE) -> None:

@@ -5,10 +5,12 @@ Pictures and tables read it from here; `rpil.results.record.Audit` is what users
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
-from typing import Self
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from scipy.special import expit
@@ -21,6 +23,9 @@ from rpil.results.facts import Fact, known_facts, style_in_words
 from rpil.results.judged import Demonstrator, Judged
 from rpil.results.reasons import GivenLabel, reasons_of
 from rpil.results.vocabulary import SIDES, WORSE
+
+if TYPE_CHECKING:
+    from rpil.faults.rule import Fault
 
 MAX_LOG_ODDS = 1e9
 """Nats. Infinite log-odds become this, because JSON has no infinity: of steps that an adversary can never take."""
@@ -169,26 +174,48 @@ class AuditResult(Judged):
         """What the report, the JSON and the weights of one run have in common; see `rpil.data.run.run_id`."""
         return run_id(self.ids, self.offsets, self.log_odds)
 
-    def table(self) -> dict[str, Sequence[object]]:
-        """The columns of numbers and text about each demonstration, in the order of the data: those of every table, of
-        the JSON and of the page; by some of them demonstrations are kept."""
+    def table(
+        self,
+        demonstrators: Mapping[str, str] | None = None,
+        tasks: Mapping[str, str] = MappingProxyType({}),
+        faults: Sequence[Fault] = (),
+    ) -> dict[str, Sequence[object]]:
+        """The columns of every table, of the JSON and of the page, with a row for each demonstration.
+
+        `demonstrators`, by default those of the audit, and `tasks` are by ids as text; `faults` are the findings of
+        ``rpil check``, the worst first.
+        """
+        if demonstrators is None:
+            demonstrators = {str(name): str(one.name) for one in self.demonstrators for name in one.demonstrations}
+        names, rules = [*map(str, self.ids)], defaultdict[str, list[str]](list)
+        for found in faults:
+            rules[str(found.id)].append(found.rule)
         return {
             "id": self.ids,
             "verdict": self.verdicts,
             "label": self.labels,
             "said": self.said,
-            "rejected_by": self.rejected_by or ("",) * len(self.ids),
+            "rejected_by": self.rejected_by or ("",) * len(names),
             "rank": self.ranks.tolist(),
             "look": (np.argsort(answering.looking_order(self)[0]) + 1).tolist(),
             "expert_proba": self.expert_proba.tolist(),
             "log_odds": self.log_odds.tolist(),
             "n_steps": self.lengths.tolist(),
+            **{f"from_{part}": values.tolist() for part, values in self.evidence.items()},
+            "reliability": self.reliability.tolist(),
+            "demonstrator": [demonstrators.get(name, "") for name in names],
+            "task": [tasks.get(name, "") for name in names],
+            **{f"fact_{name.replace(' ', '_')}": values for name, values in self.facts.items()},
+            "faults": [", ".join(rules[name]) for name in names],
+            "reason": self.reasons,
+            "run": [self.run_id] * len(names),
         }
 
     def to_dict(self) -> dict[str, object]:
         """The audit as numbers, text, lists and dicts, as ``rpil audit --format json`` prints it; the first to look at
         first."""
-        columns, asked = self.table(), None
+        nested = ("from_", "fact_", "demonstrator", "task", "faults", "run")  # or not known to an audit
+        columns, asked = {name: own for name, own in self.table().items() if not name.startswith(nested)}, None
         if self.question:
             look_at = [answering.stretch_of(self, self.index(name)) for name in self.pair]
             asked = {"pair": list(self.pair), "look_at": look_at, "text": self.question}
@@ -211,8 +238,6 @@ class AuditResult(Judged):
                 {
                     **{name: column[m] for name, column in columns.items()},
                     "evidence": {name: float(part[m]) for name, part in self.evidence.items()},
-                    "reliability": float(self.reliability[m]),
-                    "reason": self.reasons[m],
                     "worst_steps": self.worst_steps(m),
                     "facts": {name: values[m] for name, values in self.facts.items()},
                 }

@@ -1,60 +1,34 @@
 """The view: all that the page of an audit draws, as one dict of numbers, text, lists and dicts.
 
-The report holds it, and a review shows it. Demonstrations are numbered by their place
-in the data, from 0 on; M are all of them. Its keys:
+The report holds it, and a review shows it. Demonstrations are numbered by their place in the data, from 0 on; M are all
+of them. Keys with the name of a field of `About` or `Audit` are this field; ids are numbers of demonstrations there.
+The others are:
 
-run, title, source
-    The run id, the heading, and the name of the data.
-finding
-    name, sentence (with numbers and names), next (what to do), decided (whether verdicts were given).
-vocabulary
-    upper, lower, probability, meaning, threshold (of the probability).
-sides
-    The side of each verdict in use: upper, open or lower.
-counts
-    The number of demonstrations with each verdict.
-share
-    mean, low, high: of the demonstrations with the upper verdict.
-adversary
-    The reference of the judge.
+run, finding, vocabulary
+    The run id; name, sentence, next (what to do) and decided (whether there are verdicts); words and threshold of P.
+sides, counts, share
+    The side of each verdict in use, its number of demonstrations, and the share of the upper one (mean, low, high).
 question, pair
     The question, or ""; the two demonstrations that it is about, or none.
-doubts, notes, assumptions, lost, read
-    Sentences; the last two are what leaving out the lower ones would lose, and what was read.
-contradicting
-    Demonstrations whose label contradicts the other answers.
 answers
     The labels and pairs that were given: [demonstration, "good", "bad", "better than ID" or "same as ID"].
 demonstrations
-    Columns of M: id (text), verdict, log_odds, rank (the place in the ranking, from 1, the most trusted, on), p (None
-    where the place is shown in its stead), evidence (dict of columns, the parts of log_odds), reliability, low,
-    high (its interval), n_steps, reason, worst (lists of steps), stretch (the first and the last of the worst steps in
-    a row, or None), look (the place in the order of looking, from 0 on), group ("A", "B" or ""), task, demonstrator,
-    session (text, "" where not known), order (whole numbers, or empty), facts (dict of columns: ranks from 0 to 1,
-    "time limit", which is 0 or 1, and columns of other names), kept (whether ``rpil keep`` keeps it).
-whole_ids
-    Whether the ids are whole numbers.
-n_review
-    How many to look at first: a tenth, or those that contradict answers, the lower ones and a group apart.
-differ
-    Sentences on how the groups A and B differ.
+    Columns of M, by the names of `AuditResult.table` and: p (None where the place is shown in its stead), evidence
+    (dict of columns), low and high (of the reliability), worst (lists of steps), stretch (the first and the last of the
+    worst steps in a row, or None), group ("A", "B" or ""), session, order, facts (dict of columns), kept.
+whole_ids, n_review, differ
+    Whether the ids are whole numbers; how many to look at first; how the groups A and B differ.
 demonstrators
-    For each name, mean, low, high (trust; None without answers), n (demonstrations), counts (of verdicts) and style (in
-    words); with answers the most trusted first.
+    For each name, mean, low, high (trust; None without answers), n (demonstrations), counts (of verdicts) and style.
 faults
     Recording faults: kinds (of each rule, words and n), found (columns rule, demonstration or None, sentence;
     the worst first), n_odd (demonstrations), first (the worst of some of them, numbers of found), beside (sentences on
     files and videos), not_checked (of each reason, rules), usual (sentences).
-fps, lerobot, hub
-    Frames a second, or None; whether the ids are episodes of LeRobot; the data set's name on its hub, or "".
-provenance
-    Version, settings, columns and so on, by name, where they are known; see `rpil.results.provenance`.
 drawings
     For the first in the order of looking, by number as text. In P points, of which point k begins at
     step ``k * n_steps // P``: ratio (min, mean, max of the log-ratios), trust (mean of the trust in the steps), parts
     with most of the evidence (name, share of the evidence, nats, value, low and high of what the rest do there), and of
-    discrete actions taken (names, codes); compared_with, see `rpil.results.judged`. Curves are packed by
-    `packed`.
+    discrete actions taken (names, codes). Curves are packed by `packed`.
 """
 
 from __future__ import annotations
@@ -71,11 +45,11 @@ from rpil.faults.report import RULES, FaultReport
 from rpil.inference.findings import DECIDED
 from rpil.numerics.types import Array, Int
 from rpil.results import answering
+from rpil.results.choice import choose
 from rpil.results.facts import TWO_GROUPS
 from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
 from rpil.results.overview import headline
 from rpil.results.result import MAX_LOG_ODDS, AuditResult
-from rpil.results.verdict_table import choice_of
 from rpil.results.vocabulary import SIDES
 
 MAX_FOUND, MAX_FIRST = 20_000, 8
@@ -181,12 +155,11 @@ def _answers(audit: AuditResult) -> list[list[object]]:
 def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
     """The columns of the demonstrations."""
     letters = {name: letter for letter, members in audit.groups.items() for name in members}
-    names, facts, table = list(map(str, audit.ids)), audit.facts, audit.table()
-    kept = {*choice_of(audit).kept}
+    names, facts, table = list(map(str, audit.ids)), audit.facts, audit.table(about.demonstrators, about.tasks)
+    kept = {*choose(table).kept}
     return {
         "id": names,
-        **{name: list(table[name]) for name in ("verdict", "rank", "n_steps")},
-        "reason": list(audit.reasons),
+        **{name: list(table[name]) for name in ("verdict", "rank", "n_steps", "reason", "task", "demonstrator")},
         "log_odds": _significant(audit.log_odds),
         "p": [
             round(p, DECIMALS_SHOWN) if audit.has_proba(m) else None for m, p in enumerate(audit.expert_proba.tolist())
@@ -197,8 +170,6 @@ def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
         "stretch": [answering.stretch_of(audit, m) for m in range(len(names))],
         "look": np.argsort(order).tolist(),
         "group": [letters.get(name, "") for name in audit.ids],
-        "task": [about.tasks.get(name, "") for name in names],
-        "demonstrator": [about.demonstrators.get(name, "") for name in names],
         "session": list(map(str, facts.get("session", [""] * len(names)))),
         "order": list(facts.get("order", ())),
         "facts": {
@@ -261,7 +232,6 @@ def _drawn(audit: AuditResult, m: int) -> dict[str, object]:
     return {
         "ratio": packed({**extremes, "mean": bin_means(ratio)}),
         "trust": packed({"mean": bin_means(trust)}, (0.0, 1.0)),
-        "compared_with": traces.compared_with if traces else "others",
         "taken": {"names": names, "codes": _as_text(np.array([codes.get(one, NO_VALUE) for one in taken]))},
         "parts": [
             {"name": part.name, "share": round(part.share, 4), "nats": significant(part.nats)}

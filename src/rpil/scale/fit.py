@@ -80,11 +80,10 @@ def score_block(
 ) -> BlockScores:
     """Score the demonstrations of a block by the policy of the sample, and by those of its two parts, if it has any."""
     data, ratio = prepared[1], judge.ratio
-    assert ratio is not None
-    _, log_ratio, scored = ratio.step_ratios(data.features, data.actions, settings.held_out)
+    log_prob, log_ratio, scored = ratio.step_ratios(data.features, data.actions, settings.held_out)
     score, squares = judge.score(data, scored, settings)
     actions = ratio.indicators(data.actions)
-    described = channels(data, score, actions, judge.states)
+    described = channels(data, score, log_prob, log_ratio, actions, judge.states, settings.held_out.errors)
     by_part = [part.step_ratios(data.features, data.actions, settings.held_out)[0] for part in parts]
     side = data.mean_steps(by_part[0] - by_part[1]) if by_part else np.zeros(data.n_demonstrations)
     summed = summaries(data, actions).astype(np.float32)
@@ -165,6 +164,5 @@ class StepWeights:
 
     def steps(self, data: FitData, demonstrations: slice | Array) -> tuple[Array, Array]:
         """Log-ratios and weights of the steps, (N,) each, of some of the demonstrations."""
-        assert self.judge.ratio is not None
         _, log_ratio, _ = self.judge.ratio.step_ratios(data.features, data.actions, self.settings.held_out)
         return log_ratio, np.repeat(self.trust[demonstrations], data.lengths)

@@ -64,7 +64,7 @@ def test_the_page_names_what_is_asked_and_escapes_it(audit):
 @needs_chromium
 @pytest.mark.slow
 def test_answers_by_keys_are_written_and_shown(audit, browser, tmp_path):
-    with serving(review_of(audit, page=page_of)) as client:
+    with serving(review_of(audit)) as client:
         (tmp_path / "link.html").write_text(f"<a href='{client.gate.url}'>the page</a>")
         browser.open(tmp_path / "link.html")
         browser.click("a")  # a link of another site, as in a terminal that is a page
@@ -105,7 +105,7 @@ def test_answers_by_keys_are_written_and_shown(audit, browser, tmp_path):
 @needs_chromium
 @pytest.mark.slow
 def test_a_tab_shows_what_another_answered_and_what_was_finished(audit, browser):
-    with serving(review_of(audit, page=page_of)) as client:
+    with serving(review_of(audit)) as client:
         browser.open(client.gate.url)
         browser.wait(f"{VERSION} === 0")
         browser.evaluate(LISTENED)

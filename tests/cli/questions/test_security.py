@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rpil.cli.questions.security import MAX_BODY, Gate
+from rpil.cli.questions.security import MAX_BODY
 from served import need_server, review_of, serving
 
 need_server()
@@ -66,14 +66,6 @@ def test_another_name_of_the_server_is_refused(client):
             assert status == 421, (host, path)
             assert "set-cookie" not in headers
         assert client.ask("POST", "/api/undo", {"version": 0}, host=host, origin=f"http://{host}")[0] == 421
-
-
-def test_localhost_is_a_name_of_it(client):
-    host = f"localhost:{client.gate.port}"
-    assert client.ask("GET", "/api/version", host=host)[0] == 200
-    body = {"version": 1}  # which is stale
-    assert client.ask("POST", "/api/undo", body, host=host, origin=f"http://{host}")[0] == 409
-    assert client.ask("POST", "/api/undo", body, origin=f"http://{host}")[0] == 403, "another origin"
 
 
 BODY = {"version": 0, "demonstrations": [0], "key": "g"}
@@ -139,9 +131,3 @@ def test_every_answer_forbids_what_pages_of_others_could_do(client):
         assert headers["x-content-type-options"] == "nosniff"
         assert "frame-ancestors 'none'" in headers["content-security-policy"]
         assert headers["cache-control"] == "no-store"
-
-
-def test_each_server_has_a_token_of_its_own():
-    tokens = {Gate.new(8000).token for _ in range(20)}
-    assert len(tokens) == 20
-    assert min(map(len, tokens)) >= 40

@@ -10,10 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from asked import BAD
 from rpil.cli.questions.session import (
     Session,
-    contradiction_lines,
     fact_lines,
     next_question,
     question_sentence,
@@ -65,13 +63,6 @@ def test_it_ends_after_four_questions_where_every_demonstration_is_good_or_bad(a
     assert asked(doubtful, 800, None, pair=True)
 
 
-def test_an_answer_that_looks_wrong_is_named_once(audit):
-    right = {name: "bad" if name in BAD else "good" for name in (0, 1, 2, 3, 8, 9)}
-    before, after = audit.answered(right), audit.answered({**right, 5: "good"})
-    assert list(contradiction_lines((), after)) == ["The answer about 5 contradicts 6 others; check it."]
-    assert list(contradiction_lines((5,), after)) == list(contradiction_lines((), before)) == []
-
-
 def rows():
     return Path("labels.csv").read_text().splitlines()
 
@@ -86,31 +77,6 @@ def test_every_answer_is_learned_from_and_written_at_once(audit):
     answered = audit.answered({}, [audit.pair])
     assert session.audit.verdicts == answered.verdicts
     assert session.question == answered.suggest_labels(1)
-
-
-def test_undo_goes_back_to_the_first_question(audit):
-    session = Session(audit, "labels.csv", None, None)
-    assert session.undo() == []
-    assert session.version == 0
-    session.answer((1,), "g")
-    session.answer((4,), "u")
-    assert session.undo() == []
-    assert rows() == ["id,label", "1,good"]
-    assert session.undo()
-    assert not Path("labels.csv").exists()
-    assert (session.question, session.audit.verdicts, session.given) == (audit.pair, audit.verdicts, ())
-    assert session.version == 4
-
-
-def test_another_answer_about_the_same_demonstrations_replaces_the_first(audit):
-    session = Session(audit, "labels.csv", None, None)
-    for question, key in (((1,), "g"), ((4, 3), "5"), ((3, 4), "1"), ((1,), "b"), ((3, 4), "2"), ((3, 1), "1")):
-        session.answer(question, key)
-    assert rows() == ["id,label", "1,bad", "4,better than 3", "3,better than 1"]
-    assert session.audit.labelled == (1,)
-    session.undo()
-    session.undo()
-    assert rows() == ["id,label", "3,better than 4", "1,bad"]
 
 
 @pytest.mark.parametrize("name", ["labels.csv", "excel.csv"])

@@ -12,7 +12,6 @@ import lerobot_folders
 from browser import browsing, needs_chromium
 from rpil import RPIL, read
 from rpil.cli.questions.curves import Recorded
-from rpil.cli.questions.server import page_of
 from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.id_values import AnswerRow, read_answer_rows, read_answers
 from served import need_server, review_of, serving
@@ -72,7 +71,7 @@ def ask_about(page, version=0):
 
 
 def review_with_films(audit, folder):
-    return review_of(audit, videos=EpisodeVideos.of(str(folder), audit.ids, lerobot_folders.FPS), page=page_of)
+    return review_of(audit, videos=EpisodeVideos.of(str(folder), audit.ids, lerobot_folders.FPS))
 
 
 @needs_chromium
@@ -114,7 +113,7 @@ def test_films_play_in_step_by_keys_with_a_bar_of_their_own(browser, episodes, f
 @pytest.mark.slow
 def test_without_films_what_was_recorded_is_drawn_where_the_pair_differs_most(audit, data, browser):
     recorded = read(data, observations=["x", "v"])
-    with serving(review_of(audit, page=page_of, data=recorded)) as client:
+    with serving(review_of(audit, data=recorded)) as client:
         ask_about((browser, client))
         pair, said = [audit.index(name) for name in audit.pair], ("outlier", "score", "P(")
         rows = [browser.text(f'tr[data-row="{m}"]') for m in pair]  # the opinion of the audit comes after the answer
@@ -171,7 +170,7 @@ def _values(recorded, m):
 
 @pytest.fixture
 def review(audit, data):
-    return review_of(audit, page=page_of, data=read(data, observations=["x", "v"]))
+    return review_of(audit, data=read(data, observations=["x", "v"]))
 
 
 def test_many_are_answered_at_once_and_taken_back_in_one_step(review):
@@ -251,7 +250,7 @@ def test_the_end_shows_who_rejects_what_and_each_can_be_kept(audit, browser):
         return {"kept": kept, "rejected": {rule: own for rule, own in left.items() if own}, "notes": [], "outcome": ""}
 
     text = "document.querySelector('dialog.finish').innerText"
-    with serving(review_of(audit, page=page_of, finish=finish)) as client:
+    with serving(review_of(audit, finish=finish)) as client:
         browser.open(client.gate.url)
         browser.wait(f"{VERSION} === 0")
         browser.click(".ask [data-role=finish]")

@@ -52,15 +52,13 @@ PageChange = Callable[[Mapping[str, Parsed]], View]
 class Review:
     """What the server shows and changes.
 
-    `finish` says which demonstrations are kept, or writes files for what follows; see `rpil.cli.review`. `page` is the
-    page of a `state` and a `view`.
+    `finish` says which demonstrations are kept, or writes files for what follows; see `rpil.cli.label`.
     """
 
     session: Session
     about: About
     videos: EpisodeVideos
     finish: PageChange
-    page: Callable[[View, View], str]
     data: Demonstrations | Dataset
     lock: Lock = field(default_factory=Lock)
     _drawn: tuple[int, View] | None = None
@@ -194,7 +192,7 @@ def application(review: Review, gate: Gate) -> Application:
 
     videos, session = review.videos, review.session
     routes = [
-        get("/", lambda: HTMLResponse(review.page(*review.now()))),
+        get("/", lambda: HTMLResponse(page_of(*review.now()))),
         data("/api/view", review.whole),
         get("/favicon.ico", lambda: Response(status_code=204)),
         data("/api/version", lambda: {"version": session.version}),

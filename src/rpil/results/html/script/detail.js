@@ -63,7 +63,7 @@ const makeDetail = (model, place, act) => {
       view.contradicting.includes(m) ? el("p", {}, el("strong", {}, "Its label contradicts the other answers; look again.")) : "",
       d.worst[m].length ? el("p", {}, "Steps that differ most: ", list(d.worst[m].map((step) => where(m, step))), ".") : "",
     ];
-    const bands = view.drawings[m]?.parts.length ? el("p", { class: "readout muted" }, `Bands: 5 to 95 % of the ${view.drawings[m].compared_with === "others" ? "others" : "trusted ones"} ${view.drawings[m].taken.codes ? "in all their steps" : "in the same states"}.`) : "";
+    const bands = view.drawings[m]?.parts.length ? el("p", { class: "readout muted" }, `Bands: 5 to 95 % of the others ${view.drawings[m].taken.codes ? "in all their steps" : "in the same states"}.`) : "";
     const verdict = () => [el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m]),
       el("span", { class: "muted" }, `${d.p[m] === null ? `place ${d.rank[m].toLocaleString("en")} of ${model.size.toLocaleString("en")}` : `${view.vocabulary.probability} ${percent(d.p[m])}`}, score ${number(d.log_odds[m])}`, parts ? ` (${parts})` : "")];
     place.replaceChildren(

@@ -14,7 +14,7 @@ import pytest
 from audits import make_audit
 from rpil.data.errors import DataError
 from rpil.results.answering import looking_order
-from rpil.results.verdict_table import verdict_columns, write_kept, write_verdicts
+from rpil.results.choice import write_kept, write_verdicts
 
 COLUMNS = [
     "id", "verdict", "label", "said", "rejected_by", "rank", "look", "expert_proba", "log_odds", "n_steps",
@@ -35,7 +35,7 @@ def read_rows(path: Path) -> list[dict[str, object]]:
 def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension, ids):
     audit = make_audit(ids=ids)
     path = tmp_path / f"verdicts{extension}"
-    columns = verdict_columns(audit, {str(audit.ids[2]): "Ann"}, tasks={str(audit.ids[3]): "lift"})
+    columns = audit.table({str(audit.ids[2]): "Ann"}, tasks={str(audit.ids[3]): "lift"})
     write_verdicts(path, audit, columns)
     rows = read_rows(path)
     assert list(rows[0]) == COLUMNS
@@ -60,7 +60,7 @@ def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension, 
     "write",
     [
         lambda path, audit: write_kept(path, audit, audit.choice),
-        lambda path, audit: write_verdicts(path, audit, verdict_columns(audit, {})),
+        lambda path, audit: write_verdicts(path, audit, audit.table({})),
     ],
 )
 def test_other_extensions_are_refused(tmp_path, write):
