@@ -20,15 +20,15 @@ ROOT = TOOL["ROOT"]
 
 BUDGETS = {
     "cli": (2617, 24),
-    "data": (3073, 35),
-    "estimators": (2192, 19),
+    "data": (3039, 35),
+    "estimators": (2191, 19),
     "faults": (2254, 79),
     "formats": (6935, 73),
-    "inference": (2103, 85),
+    "inference": (2091, 85),
     "mixture": (797, 20),
     "numerics": (551, 14),
     "policies": (1344, 49),
-    "results": (3047, 56),
+    "results": (3013, 50),
     "scale": (681, 21),
     "simulation": (428, 0),
 }

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil.data.coding import action_space, encode_actions, encode_demonstrations
+from rpil.data.coding import action_space, encode_actions
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.id_values import label_codes
-from rpil.data.spaces import Box, Discrete
 
 X, OFFSETS = np.zeros((4, 1)), [0, 1, 4]
 WORDS = Demonstrations.from_arrays(X, np.array(["up", "down", "up", "left"]), OFFSETS, ids=["a", "b"])
@@ -45,11 +44,7 @@ def test_codes_are_places_among_the_classes(classes):
             encode_actions(classes, np.array([classes[0], unknown]), "a.csv")
 
 
-def test_actions_of_another_kind_or_width_are_refused():
-    with pytest.raises(DataError, match="the actions are continuous, and the fitted ones were not"):
-        encode_demonstrations(np.array([0, 1]), Discrete(2), MOVES)
-    with pytest.raises(DataError, match="actions with 1 numbers each, but 2 were fitted"):
-        encode_demonstrations(np.empty(0), Box(np.zeros(2), np.ones(2)), MOVES)
+def test_actions_of_one_class_are_refused():
     with pytest.raises(DataError, match="one class only"):
         action_space(Demonstrations.from_arrays(X, np.zeros(4, dtype=int), OFFSETS))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil.results.judged import MAX_POINTS, TracedPart, Traces, bin_means, bin_starts
+from rpil.results.judged import MAX_POINTS, bin_means, bin_starts
 
 
 @pytest.mark.parametrize("n_steps", [1, 7, MAX_POINTS, MAX_POINTS + 1, 12345])
@@ -22,14 +22,3 @@ def test_a_point_is_the_mean_of_its_steps() -> None:
     values = np.random.default_rng(0).normal(size=2 * MAX_POINTS)
     np.testing.assert_allclose(bin_means(values), values.reshape(-1, 2).mean(axis=1))
     np.testing.assert_array_equal(bin_means(values[:9]), values[:9])
-
-
-@pytest.mark.parametrize("n_steps", [MAX_POINTS, MAX_POINTS + 1])
-def test_traces_fit_demonstrations_with_as_many_points(n_steps: int) -> None:
-    curve = bin_means(np.zeros(n_steps))
-    part = TracedPart("elbow", 1.0, -2.0, curve, curve, curve)
-    assert Traces((part,)).fits(n_steps)
-    assert Traces((part,), ("left",) * MAX_POINTS).fits(n_steps)
-    assert not Traces((part,), ("left",)).fits(n_steps)
-    assert not Traces((part,)).fits(MAX_POINTS - 1)
-    assert not Traces(()).fits(n_steps)

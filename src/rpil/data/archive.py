@@ -41,25 +41,11 @@ NOT_STORED = {"stored": False}
 
 
 @dataclass(frozen=True)
-class ArrayField:
-    """What an array in a field of a dataclass is: its axes, as in `stored`, its types, and whether it may hold NaN."""
-
-    axes: str
-    types: tuple[type, ...] = (np.float64,)
-    missing: bool = False
-
-
-def array_field(axes: str, *types: type, missing: bool = False) -> dict[str, object]:
-    """Metadata of a dataclass field that holds an array, by default in double precision."""
-    return {"array": ArrayField(axes, types or (np.float64,), missing)}
-
-
-@dataclass(frozen=True)
 class Stored:
-    """A dataclass whose objects an archive may hold, its array fields by name, and the `renews` of `stored`."""
+    """A dataclass whose objects an archive may hold, the axes of its arrays by name, and the `renews` of `stored`."""
 
     kind: type
-    arrays: dict[str, ArrayField]
+    arrays: Mapping[str, str]
     renews: tuple[str, ...]
 
 
@@ -67,25 +53,21 @@ CLASSES: dict[str, Stored] = {}
 """Registered classes by their names in files."""
 
 
-def stored(*, name: str | None = None, renews: tuple[str, ...] = (), **axes: str) -> Callable[[Class], Class]:
+def stored(*, renews: tuple[str, ...] = (), **axes: str) -> Callable[[Class], Class]:
     """Register a dataclass whose objects an archive may hold.
 
     Parameters
     ----------
-    name : str, optional
-        Name of the class in files; by default its name in the code.
     renews : tuple of str
         Letters that stand for new sizes after an object of this class: those of the columns that a feature map makes.
     **axes : str
-        The axes of each array field in double precision; `array_field` declares others. Axes are numbers, or letters,
-        each of which means one size in the whole file, perhaps plus one ("F+1 K"). D observations, F features, K
-        actions or A parts of one, B bins, M demonstrations, N steps, P points, Q quantiles.
+        The axes of each array field, in double precision. Axes are numbers, or letters, each of which means one size in
+        the whole file, perhaps plus one ("F+1 K"). D observations, F features, K actions or A parts of one, B bins,
+        M demonstrations.
     """
 
     def register(kind: Class) -> Class:
-        declared = {f.name: f.metadata["array"] for f in fields(kind) if "array" in f.metadata}
-        arrays = declared | {field: ArrayField(letters) for field, letters in axes.items()}
-        CLASSES[name or kind.__name__] = Stored(kind, arrays, renews)
+        CLASSES[kind.__name__] = Stored(kind, axes, renews)
         return kind
 
     return register
@@ -136,18 +118,19 @@ def _field_names(kind: type) -> list[str]:
     return [f.name for f in fields(kind) if not f.name.startswith("_") and f.metadata.get("stored", True)]
 
 
-def check_array(value: object, kind: ArrayField, sizes: dict[str, int]) -> None:
-    """A `ValueError` where a value is not an array of this kind, of the `sizes` so far, to which new ones are added."""
-    letters = kind.axes.split()
-    if not isinstance(value, np.ndarray) or value.dtype not in kind.types or value.ndim != len(letters):
-        raise ValueError(kind)
+def check_array(value: object, axes: str, sizes: dict[str, int]) -> None:
+    """A `ValueError` where a value is not an array of numbers with these axes, of the `sizes` so far, to which new ones
+    are added."""
+    letters = axes.split()
+    if not isinstance(value, np.ndarray) or value.dtype != np.float64 or value.ndim != len(letters):
+        raise ValueError(axes)
     for size, letter in zip(value.shape, letters, strict=True):
         letter, _, more = letter.partition("+")
         expected = int(letter) if letter.isdigit() else sizes.setdefault(letter, size - int(more or 0))
         if size != expected + int(more or 0):
-            raise ValueError(kind)
-    if not kind.missing and value.dtype.kind == "f" and np.isnan(value).any():
-        raise ValueError(kind)
+            raise ValueError(axes)
+    if np.isnan(value).any():
+        raise ValueError(axes)
 
 
 def is_of_type(value: object, hint: Any) -> bool:
@@ -178,10 +161,10 @@ class Decoder:
         self.arrays = dict(arrays)
         self.sizes: dict[str, int] = {}
 
-    def array(self, node: Any, kind: ArrayField) -> Array:
-        """The array that `node` names; a `ValueError` or `KeyError` where it is missing, or of another kind."""
+    def array(self, node: Any, axes: str) -> Array:
+        """The array that `node` names; a `ValueError` or `KeyError` where it is missing, or has other axes."""
         array = self.arrays.pop(node["array"])
-        check_array(array, kind, self.sizes)
+        check_array(array, axes, self.sizes)
         return array
 
     def value(self, node: object) -> Any:

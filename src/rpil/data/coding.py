@@ -76,20 +76,3 @@ def encode_actions(classes: Array, actions: Array, source: str) -> Array:
             f"{source}: action {action!r} is not among the fitted ones ({names}); fit again with it, or leave it out."
         )
     return codes
-
-
-def encode_demonstrations(classes: Array, space: Space, demonstrations: Demonstrations) -> Array:
-    """`encode_actions` of demonstrations that a policy with these `classes` (K,) in this space was not fitted to.
-
-    A `DataError` where the kind or the width of the actions is not the fitted one, or an action is not a class.
-    """
-    source, actions, n_parts = demonstrations.source, demonstrations.actions, space.n_parts
-    if demonstrations.is_discrete != bool(len(classes)):
-        other = "continuous" if len(classes) else "discrete"
-        raise DataError(f"{source}: the actions are {other}, and the fitted ones were not.")
-    if actions.ndim == 2 and actions.shape[1] != n_parts:
-        raise DataError(
-            f"{source}: actions with {actions.shape[1]} numbers each, but {n_parts} were fitted; give the same ones."
-        )
-    pairs = zip(demonstrations.ids, demonstrations, strict=True)
-    return np.concatenate([encode_actions(classes, a, f"{source}, demonstration {m!r}") for m, (_, a) in pairs])

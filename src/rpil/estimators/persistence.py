@@ -13,7 +13,6 @@ from sklearn.utils.validation import check_is_fitted
 
 from rpil.data.archive import (
     VERSION,
-    ArrayField,
     Decoder,
     encode,
     read_archive,
@@ -43,7 +42,7 @@ FITTED = {
 """The attributes of each estimator that a file holds; an audit is none, because `rpil.audit` makes it again.
 The state of the mixture comes before the features of the policy: it has others."""
 
-FITTED_ARRAYS = dict.fromkeys(("weights_", "log_likelihood_"), ArrayField("M"))
+FITTED_ARRAYS = dict.fromkeys(("weights_", "log_likelihood_"), "M")
 _NAMES = ("feature_names_in_", "observation_names_")  # from data frames, and from `Demonstrations`
 
 

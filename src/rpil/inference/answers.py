@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rpil.data.archive import array_field, stored
 from rpil.data.errors import DataError
 from rpil.numerics.types import Array, Bool, Float, Int
 
@@ -17,18 +16,17 @@ def no_pairs() -> Int[Array, "0 2"]:
     return np.empty((0, 2), dtype=np.int64)
 
 
-@stored()
 @dataclass(frozen=True, eq=False)
 class Answers:
     """What is known of M demonstrations."""
 
-    labels: Int[Array, " M"] = field(metadata=array_field("M", np.int64))
+    labels: Int[Array, " M"]
     """1 good, -1 bad, 0 unknown."""
-    pairs: Int[Array, "P 2"] = field(metadata=array_field("compared 2", np.int64))
+    pairs: Int[Array, "P 2"]
     """The better and the worse demonstration of each pair that was compared."""
-    outcomes: Float[Array, "M W"] = field(metadata=array_field("M witnesses", missing=True))
+    outcomes: Float[Array, "M W"]
     """Of each witness, higher is thought to be better; NaN where it is unknown."""
-    tied: Int[Array, "T 2"] = field(default_factory=no_pairs, metadata=array_field("tied 2", np.int64))
+    tied: Int[Array, "T 2"] = field(default_factory=no_pairs)
     """The two demonstrations of each pair without a difference."""
     names: tuple[str, ...] = ()
     """Of the witnesses; with a minus where less is better, so that the outcomes are negative."""

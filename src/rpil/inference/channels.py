@@ -13,7 +13,6 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.special import ndtri
 
-from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.settings import AnswerSettings, ChannelSettings
@@ -35,7 +34,6 @@ BLOCK_ROWS, BLOCK_COLUMNS = 4_096, 4
 """Steps whose moves are computed together, and columns that are summarised together."""
 
 
-@stored(spread="states")
 @dataclass(frozen=True, eq=False)
 class StateScale:
     """What the channels of states are measured by."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.channels import StateScale, own_log_prob
@@ -23,7 +22,6 @@ StepRatios = tuple[Float[Array, " N"], Float[Array, " N"], Float[Array, " N"]]
 """Of each step, nats: log pi, log pi - log q, and what scores are means of."""
 
 
-@stored(name="SoftmaxScale", weights="F+1 K", frequency="K")
 @dataclass(frozen=True, eq=False)
 class SoftmaxRatio:
     """log pi(a|s) - log q(a) of a softmax policy with lapses, q the frequencies of the actions."""
@@ -52,7 +50,6 @@ class SoftmaxRatio:
         return np.eye(len(self.frequency))[actions]
 
 
-@stored(name="StudentScale", weights="F+1 A", scale="A", center="A", width="A")
 @dataclass(frozen=True, eq=False)
 class StudentRatio:
     """log pi(a|s) of ridge regression with Student's errors, and log q(a) of one Student distribution for all states,
@@ -103,7 +100,6 @@ def fit_ratio(data: FitData, weight: Float[Array, " N"], ridge: float, settings:
     return kind.fit(data, weight, ridge, settings)
 
 
-@stored()
 @dataclass(frozen=True, eq=False)
 class FittedJudge:
     """What is needed to judge demonstrations that were not fitted."""

@@ -19,7 +19,6 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import betaincinv, expit, logit
 
-from rpil.data.archive import stored
 from rpil.inference.settings import GroupSettings
 from rpil.numerics.types import Array, Bool, Float, Int
 
@@ -34,7 +33,6 @@ _MAX_LOG_SPREAD = 3.0
 """Bounds of variances and log spreads in `one_group`, in standard deviations of the scores."""
 
 
-@stored(mean="2", spread="2", quantiles="Q")
 @dataclass(frozen=True, eq=False)
 class Groups:
     """One or two groups, fitted to M scores."""

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.numerics.regression import robust_scale, spread_within
 from rpil.numerics.types import Array, Bool, Float, Int, Num
@@ -45,7 +44,6 @@ def judged_parts(actions: Num[Array, "N A"], offsets: Int[Array, " M1"]) -> Bool
     return np.asarray(~rests | rests.all())
 
 
-@stored(location="A", spread="A", reach="A")
 @dataclass(frozen=True, eq=False)
 class ActionScale:
     """How the judge scales continuous actions."""

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from rpil.data.archive import array_field, stored
 from rpil.data.errors import DataError
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float, Int
@@ -25,7 +24,6 @@ MAX_LOG_RATIO = 50.0
 """Nats by which the log-ratio of a step is bounded where it is drawn: exp(50) is certain."""
 
 
-@stored()
 @dataclass(frozen=True)
 class Interval:
     """A mean with a 95 % interval."""
@@ -35,7 +33,6 @@ class Interval:
     high: float
 
 
-@stored()
 @dataclass(frozen=True)
 class Demonstrator:
     """A demonstrator who gave several demonstrations; `Audit.verdict_counts` counts their verdicts."""
@@ -54,16 +51,10 @@ MAX_POINTS = 400
 """Points of a curve over the steps of a demonstration; of more steps, each point is the mean over some of them."""
 
 
-CURVE = array_field("P", np.float32, np.float64, missing=True)
-
 ALONE = "Not judged: it is the only demonstration of its task or session."
 """The reason for a verdict that is open for want of other demonstrations."""
 
-SHARE = (0.0, 1.0)
-"""Limits of a probability or a share."""
 
-
-@stored()
 @dataclass(frozen=True, eq=False)
 class TracedPart:
     """A part of the action of one demonstration, at P points."""
@@ -74,16 +65,15 @@ class TracedPart:
     nats: float
     """That the part adds to the sum of the log-ratios, more than in the median one of the rest of this length;
     below 0 it speaks against the demonstration."""
-    value: Float[Array, " P"] = field(metadata=CURVE)
+    value: Float[Array, " P"]
     """What the demonstration did: the number of the action, in the units of the data; or the probability of the
     discrete action taken, by the policy of the rest."""
-    low: Float[Array, " P"] = field(metadata=CURVE)
-    high: Float[Array, " P"] = field(metadata=CURVE)
+    low: Float[Array, " P"]
+    high: Float[Array, " P"]
     """The 5 % and the 95 % quantile of what the rest do: in the same states, that is, around the mean of their
     policy there; or, of the probability of the action taken, in all their steps."""
 
 
-@stored(renews=("P",))
 @dataclass(frozen=True, eq=False)
 class Traces:
     """Up to three parts of the action of one demonstration, those with most of the evidence first."""
@@ -92,15 +82,6 @@ class Traces:
     """One alone where actions are discrete."""
     taken: tuple[str, ...] = ()
     """Of discrete actions: the one taken at each point, or the least likely one of its steps."""
-    compared_with: Literal["others", "trusted"] = "others"
-    """See `rpil.results.evidence.StepEvidence`."""
-
-    def fits(self, n_steps: int) -> bool:
-        """Whether these are traces of so many steps, and all parts have a value for each point."""
-        curves = [curve for part in self.parts for curve in (part.value, part.low, part.high)]
-        n_points = len(bin_starts(n_steps))
-        is_complete = all(curve.shape == (n_points,) for curve in curves)
-        return bool(curves) and is_complete and len(self.taken) in (0, n_points)
 
 
 def bin_starts(n_steps: int) -> Int[Array, " P"]:
@@ -115,28 +96,13 @@ def bin_means(values: Float[Array, " n"]) -> Float[Array, " P"]:
     return np.asarray(np.add.reduceat(values, starts, dtype=float) / np.diff(np.append(starts, len(values))))
 
 
-def of_demonstration(
-    axes: str = "M",
-    nothing: object = 0.0,
-    limits: tuple[float, float] | None = None,
-    type: Any = np.float64,
-    shown: str = "",
-) -> dict[str, object]:
-    """Metadata of an array with a row for each demonstration; a row of one that is not judged is `nothing`.
-
-    A column of numbers that is `shown` is a fact under this name: in tables, JSON and on the page.
-    """
-    return {"axis": "M", "nothing": type(nothing), "limits": limits, "shown": shown, **array_field(axes, type)}
+def of_each(axis: str, nothing: object = 0.0, shown: str = "") -> dict[str, object]:
+    """Metadata of a field with a value for each demonstration ("M") or step ("N"); a row of one that is not judged is
+    `nothing`. A column that is `shown` is a fact under this name: in tables, JSON and on the page."""
+    return {"axis": axis, "nothing": nothing, "shown": shown}
 
 
-def of_step(nothing: float = 0.0, limits: tuple[float, float] | None = None) -> dict[str, object]:
-    """Metadata of an array with a number for each step, in single precision where there are very many steps."""
-    return {"axis": "N", "nothing": nothing, "limits": limits, **array_field("N", np.float64, np.float32)}
-
-
-PROBABILITY = of_demonstration(nothing=0.5, limits=SHARE)
-TEXT = {"axis": "M", "nothing": ""}
-"""Metadata of a probability, and of a tuple with a text for each demonstration, or of none where none is known."""
+OF_EACH, PROBABILITY, TEXT = of_each("M"), of_each("M", 0.5), of_each("M", "")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -144,23 +110,23 @@ class Judged:
     """The fields of `rpil.results.record.Audit`, which describes them."""
 
     ids: tuple[Hashable, ...]
-    offsets: Int[Array, " _"] = field(metadata=array_field("M+1", np.int64))
+    offsets: Int[Array, " _"]
     finding: str
-    log_odds: Float[Array, " M"] = field(metadata=of_demonstration())
-    from_actions: Float[Array, " M"] = field(metadata=of_demonstration())
-    from_demonstrator: Float[Array, " M"] = field(metadata=of_demonstration())
-    from_label: Float[Array, " M"] = field(metadata=of_demonstration())
+    log_odds: Float[Array, " M"] = field(metadata=OF_EACH)
+    from_actions: Float[Array, " M"] = field(metadata=OF_EACH)
+    from_demonstrator: Float[Array, " M"] = field(metadata=OF_EACH)
+    from_label: Float[Array, " M"] = field(metadata=OF_EACH)
     expert_proba: Float[Array, " M"] = field(metadata=PROBABILITY)
     reliability: Float[Array, " M"] = field(metadata=PROBABILITY)
     verdicts: tuple[Verdict, ...] = field(metadata=TEXT | {"nothing": "open"})
-    step_log_ratio: Float[Array, " N"] = field(metadata=of_step())
-    step_weight: Float[Array, " N"] = field(metadata=of_step(1.0, (0.0, np.inf)))
+    step_log_ratio: Float[Array, " N"] = field(metadata=of_each("N"))
+    step_weight: Float[Array, " N"] = field(metadata=of_each("N", 1.0))
     prior: Interval
     adversary: str
-    columns: Float[Array, "M D"] = field(metadata=of_demonstration("M channels"))
-    claimed: Int[Array, " M"] = field(metadata=of_demonstration(type=np.int64))
-    part: Float[Array, " M"] = field(metadata=of_demonstration(limits=(-1.0, 1.0)))
-    copy_of: Int[Array, " M"] = field(metadata=array_field("M", np.int64))
+    columns: Float[Array, "M D"] = field(metadata=OF_EACH)
+    claimed: Int[Array, " M"] = field(metadata=of_each("M", 0))
+    part: Float[Array, " M"] = field(metadata=OF_EACH)
+    copy_of: Int[Array, " M"]
     settings: AuditSettings
     answers: Answers
     identifiable: bool = True
@@ -174,8 +140,8 @@ class Judged:
     deviations: tuple[str, ...] = field(default=(), metadata=TEXT)
     anchor: Anchor = "none"
     sessions: tuple[str, ...] = field(default=(), metadata=TEXT | {"shown": "session"})
-    order: Float[Array, " M"] | None = field(default=None, metadata=of_demonstration())
-    taken_over: Float[Array, " N"] | None = field(default=None, metadata=of_step(limits=(-1.0, 1.0)))
+    order: Float[Array, " M"] | None = field(default=None, metadata=OF_EACH)
+    taken_over: Float[Array, " N"] | None = field(default=None, metadata=of_each("N"))
     traces: dict[Hashable, Traces] = field(default_factory=dict)
     own_reasons: tuple[str, ...] = field(default=(), metadata=TEXT | {"nothing": ALONE})
     rejected_by: tuple[str, ...] = field(default=(), metadata=TEXT)
