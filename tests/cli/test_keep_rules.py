@@ -127,3 +127,11 @@ def test_faults_that_are_named_are_rejected():
     refused("the rules are", "audit", data, "--keep", "n.json", "--without-faults", "jump,all")
     said = ok(*call_of, "k.npz", "--without-faults", "dropped frames,jump").stderr
     assert re.fullmatch(r"note: --without-faults: dropped frames was not checked, because [^\n]+\.\n", said)
+
+
+def test_a_table_of_verdicts_names_each_demonstration_once():
+    other = write("o.parquet", FEW)
+    Path("v.csv").write_text("id,verdict,label\n0,bad,bad\n1,good,\n0,good,\n")
+    refused(r"v\.csv: '0' has two rows", "keep", other, "--verdicts", "v.csv", "-o", "k.parquet")
+    Path("v.csv").write_text("junk\n")
+    refused(r"v\.csv", "keep", other, "--verdicts", "v.csv", "-o", "k.parquet")

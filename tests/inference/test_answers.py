@@ -88,3 +88,12 @@ def test_rows_are_all_demonstrations_then_differences_of_pairs_and_ties_both_way
     assert rows[4:].tolist() == [[0, -6, -9], [0, 10, 12], [0, 2, 3], [0, -2, -3]]
     assert n_pairs == 4
     assert some.evidence(3.0).tolist() == [0, -3, 0, 3, 3, 3, 3, 3]
+
+
+def test_outcomes_that_count_for_nothing_are_no_side_and_a_turned_flag_is_not_obeyed():
+    flags = answers_of(m=4, outcome=[1.0, 0.0, 1.0, 0.0])
+    assert (flags.contrast, flags.failed.tolist()) == (True, [False, True, False, True])
+    unheard = replace(flags, heard=(0,))
+    assert (unheard.contrast, unheard.failed.tolist()) == (False, [False, True, False, True])
+    turned = replace(flags, heard=(-1,))
+    assert (turned.contrast, turned.failed.any()) == (True, False)

@@ -14,6 +14,7 @@ from rpil.inference.settings import AnswerSettings
 from rpil.inference.witnesses import (
     NOTHING,
     are_opposed,
+    confirmed_by_columns,
     held_out,
     is_contrast,
     levels_of,
@@ -98,9 +99,9 @@ def test_contrast_is_evidence_of_both_sides_or_of_a_pair(evidence, n_pairs, cont
 
 def test_held_out_log_odds_are_those_by_other_folds():
     rows, evidence, _ = made([1, -1] * 7)
-    found = held_out(rows, evidence, replace(SETTINGS, max_folds=4))
+    found = held_out(rows, evidence, SETTINGS)
     for m in range(14):
-        others = np.where(np.arange(14) % 4 == m % 4, 0.0, evidence)
+        others = np.where(np.arange(14) % 5 == m % 5, 0.0, evidence)
         assert found[m] == pytest.approx(regression(rows, others, 0, SETTINGS)(rows[[m]])[0])
 
 
@@ -146,7 +147,7 @@ def test_reliability_is_the_fixed_point_of_em_and_the_most_probable_by_another_o
     rng = np.random.default_rng(0)
     log_odds, level = rng.normal(0, 2, 30), rng.integers(-1, 3, 30)
     prior, known = prior_counts(level, SETTINGS), level >= 0
-    ratio, confirmed = reliability(log_odds, level, prior, n_iter=3000)
+    ratio, gained = reliability(log_odds, level, prior, n_iter=3000)
     proba = expit(log_odds + ratio[level])[known]
     counts = prior + np.stack([np.bincount(level[known], each, 3) for each in (1 - proba, proba)])
     np.testing.assert_allclose(ratio, log_ratio(counts), atol=1e-9)
@@ -160,7 +161,7 @@ def test_reliability_is_the_fixed_point_of_em_and_the_most_probable_by_another_o
     np.testing.assert_allclose(ratio[:3], best[1] - best[0], atol=1e-4)
     shares = np.bincount(level[known]) + 0.5
     gain = -loss(best.ravel()) - (prior * best).sum() - np.log(shares / shares.sum())[level[known]].sum()
-    assert confirmed == pytest.approx(expit(gain - 3 / 2 * np.log(known.sum())), rel=1e-4)
+    assert gained == pytest.approx(gain, rel=1e-4)
     some = reliability(log_odds[known], level[known], prior)
     np.testing.assert_allclose(some[0], reliability(log_odds, level, prior)[0])
 
@@ -197,20 +198,24 @@ def test_the_evidence_of_one_witness_is_its_reliability_given_answers_and_column
     rows, labels, n_pairs, flags = world(0.8, n_labels=12)
     level = flags[:, 0].astype(int)
     log_odds = regression(rows, labels, n_pairs, SETTINGS)(rows) + labels
-    ratio, confirmed = reliability(log_odds, level, prior_counts(level, SETTINGS))
+    prior = prior_counts(level, SETTINGS)
+    ratio, gain = reliability(log_odds, level, prior)
     found = weigh(rows, labels, n_pairs, flags, SETTINGS)
+    confirmed = max(expit(gain - np.log(len(rows))), confirmed_by_columns(rows, labels, level, prior, SETTINGS))
     assert found.confirmed[0] == pytest.approx(confirmed)
     np.testing.assert_allclose(found.evidence[:, 0], confirmed * ratio[level])
 
 
 @pytest.mark.parametrize(("right", "confirmed"), [(0.95, True), (0.5, False)])
-def test_a_flag_alone_keeps_its_strength_and_columns_confirm_it(right, confirmed):
+def test_a_flag_alone_has_its_prior_strength_if_columns_confirm_it(right, confirmed):
     rows, labels, n_pairs, flags = world(right, n_labels=0)
     found, level = weigh(rows, labels, n_pairs, flags, SETTINGS), flags[:, 0].astype(int)
     prior = prior_counts(level, SETTINGS)
-    np.testing.assert_allclose(found.evidence[:, 0], log_ratio(prior)[level])
-    assert found.confirmed[0] == reliability(held_out(rows, found.evidence[:, 0], SETTINGS), level, prior)[1]
-    assert (found.confirmed[0] > 0.5) == confirmed
+    strength = log_ratio(prior)[level]
+    np.testing.assert_allclose(found.evidence[:, 0], found.confirmed[0] * strength * confirmed)
+    gain = reliability(held_out(rows, strength, SETTINGS), level, prior)[1]
+    assert found.confirmed[0] == pytest.approx(expit(gain - 2.5))
+    assert ((found.confirmed[0] > 0.5), found.heard) == (confirmed, (int(confirmed),))
 
 
 def test_errors_that_witnesses_share_are_counted_once():
@@ -258,3 +263,15 @@ def test_two_witnesses_that_contradict_each_other_are_not_confirmed_without_an_a
         both = np.column_stack([grade, sign * good])
         found = weigh(rows, np.zeros(80), 0, both, SETTINGS)
         assert ((found.confirmed > 0.5) == sure).all()
+
+
+def test_witnesses_that_are_nearly_one_are_all_left_out():
+    coin = np.random.default_rng(1).integers(0, 2, 60)
+    other = np.random.default_rng(2).integers(0, 2, 60)
+    assert most_alike([coin, coin, coin, other])[:3] == [[1, 2], [0, 2], [0, 1]]
+    known = np.where(np.arange(60) < 30, coin, -1)
+    assert most_alike([known, np.where(np.arange(60) < 30, other, -1), coin])[0] == [2], "where both are known"
+    rows = np.column_stack([np.ones(60), np.random.default_rng(3).normal(size=(60, 2))])
+    labels = np.zeros(60)
+    labels[:4] = 3.9, -3.9, 3.9, -3.9
+    assert (weigh(rows, labels, 0, np.column_stack([coin] * 3).astype(float), SETTINGS).confirmed < 0.5).all()

@@ -232,7 +232,7 @@ def test_a_choice_as_lists_and_lines():
 
 
 def test_files_that_are_no_verdicts_are_refused(tmp_path):
-    wrong = {"": "the file is empty", "[]": "cannot be read as JSON .IndexError", "[1]": "it must hold one object"}
+    wrong = {"": "the file is empty", "[]": "must hold one object", "[1]": "it must hold one object"}
     for text, said in (wrong | {'[{"id": 1, "verdict": "open"}, {"id": 2}]': "JSON .KeyError: 'verdict'"}).items():
         (tmp_path / "v.json").write_text(text)
         with pytest.raises(DataError, match=rf"v\.json: .*{said}"):

@@ -71,7 +71,7 @@ def test_label_is_the_reason_and_its_contradiction_with_the_other_answers_is_tol
 
 def test_outcome_is_the_reason_where_it_decided() -> None:
     outcome = np.array([9.0, 5.0, 1.0, np.nan, 2.0])
-    answers = Answers(np.array([0, 0, 0, 0, 1]), np.empty((0, 2), dtype=np.int64), outcome[:, None])
+    answers = Answers(np.array([0, 0, 0, 0, 1]), np.empty((0, 2), dtype=np.int64), outcome[:, None], heard=(1,))
     log_odds = np.array([3.0, 0.0, -3.0, -3.0, 4.0])
     known = {"anchor": "answers", "finding": "answered", "answers": answers, "log_odds": log_odds}
     steps = {"step_log_ratio": np.ones(100), "lengths": [20] * 5}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -113,6 +114,9 @@ def _verdicts_on(read: Recording, path: str) -> tuple[Table, set[str]]:
     table, ids = read_verdicts(path, read.ids), read.demonstrations.ids
     check_ids(table["id"], read.ids, path, "the ids")
     row = {str(name): k for k, name in enumerate(table["id"])}
+    if len(row) < len(table["id"]):
+        [(twice, _)] = Counter(map(str, table["id"])).most_common(1)
+        raise DataError(f"{path}: {twice!r} has two rows; leave one of them.")
     nothing: dict[str, object] = {"verdict": "open", "log_odds": math.inf, "expert_proba": 1.0}
     found: dict[str, list[object]] = {
         column: [values[row[str(m)]] if str(m) in row else nothing.get(column, "") for m in ids]

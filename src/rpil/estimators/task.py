@@ -22,7 +22,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.id_values import check_ids, label_codes, match_pairs, parse_labels, read_answers
 from rpil.data.recorded_facts import Outcome, given_outcome, tells
 from rpil.data.spaces import Space
-from rpil.formats.columns import Names, as_list
+from rpil.formats.columns import Names
 from rpil.formats.dataset import Dataset
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float
@@ -64,7 +64,7 @@ def answers_of(
 def by_name(outcome: Outcome | Names) -> dict[str, Outcome | str]:
     """Outcomes by their names: numbers, or files of them."""
     if are_names(outcome):
-        paths = as_list(cast(Names, outcome))
+        paths = [outcome] if isinstance(outcome, str) else [*cast("Sequence[str]", outcome)]
         stems = [Path(path).stem for path in paths]
         return {stem if stems.count(stem) == 1 else path: path for stem, path in zip(stems, paths, strict=True)}
     return {"outcome": cast(Outcome, outcome)}

@@ -143,7 +143,7 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
         A file or folder of any known format; a pattern such as ``drive/*.parquet``; an address that pyarrow knows, such
         as ``s3://bucket/folder``; or a data frame.
     on_disk : bool, optional
-        Leave the demonstrations on disk, as a `Dataset` of any size, or a copy of formats other than Parquet, or read
+        Leave the demonstrations on disk, as a `Dataset` of any size, which is a copy in a temporary folder, or read
         them into memory; by default those that take more than `memory` stay there.
     **columns
         As for `rpil.read`, and ``operator``, ``task``, ``session``, ``outcome``: see `ColumnOptions`.

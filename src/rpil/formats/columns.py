@@ -102,13 +102,14 @@ class ColumnOptions:
     @property
     def files(self) -> list[str]:
         """The operator and the outcomes that are files, and no columns."""
-        outcomes = as_list(self.outcome) if self.outcome else ()
-        return [path for path in (self.operator, *outcomes) if path and is_id_file(path)]
+        outcomes = (self.outcome,) if isinstance(self.outcome, str) else self.outcome
+        return [path for path in dict.fromkeys((self.operator, *outcomes)) if path and is_id_file(path)]
 
     @property
     def outcomes(self) -> tuple[str, ...]:
         """The outcomes that are columns, with a minus where more is worse."""
-        return tuple(name for name in as_list(self.outcome) if not is_id_file(name)) if self.outcome else ()
+        outcomes = (self.outcome,) if isinstance(self.outcome, str) else self.outcome
+        return tuple(name for name in dict.fromkeys(outcomes) if name and not is_id_file(name))
 
     def __post_init__(self) -> None:
         if self.memory is not None:

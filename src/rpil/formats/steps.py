@@ -102,7 +102,7 @@ def _writing(name: str) -> Iterator[None]:
         yield
     except OSError as error:
         raise DataError(
-            f"{name}: a copy of its rows cannot be written to {os.environ.get('TMPDIR', 'the temporary folder')} "
+            f"{name}: a copy of its rows cannot be written to {tempfile.gettempdir()} "
             f"({error.strerror or 'it cannot be used'}); set TMPDIR to another folder, or read the data into memory."
         ) from error
 

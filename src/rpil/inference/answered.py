@@ -12,7 +12,7 @@ must be confirmed. docs/model.md has the formulas.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import expit, logit
@@ -60,6 +60,7 @@ def answer(
     rows, n_pairs = once.rows(columns[first])
     evidence, total = once.evidence(logit(1 - settings.error)), once.evidence(logit(1 - settings.error))
     witnesses = weigh(rows, evidence, n_pairs, once.outcomes, settings)
+    once = replace(once, heard=witnesses.heard)
     by_witnesses = witnesses.evidence.sum(axis=1)
     total[: len(first)] += by_witnesses
     log_odds = regression(rows, total, n_pairs, settings)(rows[: len(first)]) + by_witnesses
@@ -68,11 +69,11 @@ def answer(
     follows = once.contrast and (
         explained(evidence[answered], right, n_pairs) >= settings.min_explained
         if is_contrast(evidence, n_pairs)
-        else bool((witnesses.confirmed > 0.5).any())
+        else any(witnesses.heard)
     )
     limit = logit(settings.min_proba) if follows else np.inf
     verdicts = (log_odds >= limit).astype(int) - (log_odds <= -limit)
-    said = answers.shared(copy_of).said
+    said = replace(answers, heard=witnesses.heard).shared(copy_of).said
     log_odds = np.where(said == 0, log_odds[place], said * logit(1 - settings.min_proba_bound))
     verdicts = np.where(said == 0, verdicts[place], said)
     doubtful = contradicting(once, right, settings)

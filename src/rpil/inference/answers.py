@@ -32,6 +32,9 @@ class Answers:
     """Of the witnesses; with a minus where less is better, so that the outcomes are negative."""
     flag: int | None = None
     """The number of the `only_flag` where these are some of the outcomes, or means of copies; else None."""
+    heard: tuple[int, ...] | None = None
+    """Of each witness 1 where all else confirms it, -1 where all else turns it, 0 where it counts for nothing; None
+    before this is learned (`rpil.inference.witnesses`)."""
 
     @classmethod
     def none(cls, n_demonstrations: int) -> Answers:
@@ -78,6 +81,8 @@ class Answers:
             return {1, -1}
         of_outcomes = set[int]()
         for k, values in enumerate(self.outcomes[self.labels == 0].T):
+            if self.heard is not None and not self.heard[k]:
+                continue
             known = values[np.isfinite(values)]
             middle = 0.5 if k == self.only_flag or not len(known) else (known.min() + known.max()) / 2
             of_outcomes |= {*np.sign(known - middle).astype(int).tolist()}
@@ -99,11 +104,11 @@ class Answers:
 
     @property
     def failed(self) -> Bool[Array, " M"]:
-        """Those whose only flag is 0."""
-        failed = (
-            self.outcomes[:, self.only_flag] == 0 if self.only_flag >= 0 else np.zeros(len(self.labels), dtype=bool)
-        )
-        return np.asarray(failed)
+        """Those whose only flag is 0, unless all else turns it."""
+        k = self.only_flag
+        if k < 0 or (self.heard is not None and self.heard[k] < 0):
+            return np.zeros(len(self.labels), dtype=bool)
+        return np.asarray(self.outcomes[:, k] == 0)
 
     @property
     def failure(self) -> str:

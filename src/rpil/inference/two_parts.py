@@ -71,9 +71,9 @@ def are_situations(data: FitData, part: Bool[Array, " M"]) -> bool:
     `part` and another one, and by three standard deviations of chance more than half."""
     first, n = data.features[data.offsets[:-1]].astype(float), len(part)
     z = (first - first.mean(axis=0)) / (first.std(axis=0) + 1e-9)
-    kernel, aim = z @ z.T, part - part.mean()
-    hat = kernel @ np.linalg.inv(kernel + n * np.eye(n))
-    place = mean_ranks((hat @ aim - np.diag(hat) * aim) / (1 - np.diag(hat)))
+    aim, half = part - part.mean(), np.linalg.solve(z.T @ z + n * np.eye(z.shape[1]), z.T)
+    own = np.einsum("nf,fn->n", z, half)  # the diagonal of the hat matrix
+    place = mean_ranks((z @ (half @ aim) - own * aim) / (1 - own))
     n_pairs = part.sum() * (~part).sum()
     excess = (place[part].sum() - part.sum() * (part.sum() + 1) / 2) / n_pairs - 0.5
     return bool(excess > max(0.35, 3 * np.sqrt((n + 1) / (12 * n_pairs))))

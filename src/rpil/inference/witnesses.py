@@ -28,6 +28,12 @@ NOTHING = 1e6
 """Precision of weights that are 0."""
 MAX_ITER, TOL, MIN_STEP = 50, 1e-8, 1e-3
 """Iterations at most, the gain in nats at which they stop, and the least share of a step."""
+CHANCE = 2.5
+"""Nats by which columns explain a witness at the level of chance."""
+N_FOLDS = 5
+"""Folds of demonstrations."""
+TOO_ALIKE = 0.8
+"""Correlation of two witnesses from which they are taken for one."""
 MAX_ROUNDS, ENOUGH = 12, 0.02
 """Rounds of EM at most, and the change of evidence in nats at which it stops."""
 
@@ -69,8 +75,8 @@ def is_contrast(evidence: Float[Array, " R"], n_pairs: int) -> bool:
 
 def held_out(rows: Float[Array, "R D"], evidence: Float[Array, " M"], settings: AnswerSettings) -> Float[Array, " M"]:
     """Log-odds of the first M rows by the evidence of other folds."""
-    fold, log_odds = np.arange(len(evidence)) % settings.max_folds, np.zeros(len(evidence))
-    for k in range(min(settings.max_folds, len(fold))):
+    fold, log_odds = np.arange(len(evidence)) % N_FOLDS, np.zeros(len(evidence))
+    for k in range(min(N_FOLDS, len(fold))):
         others = np.where(fold == k, 0.0, evidence)
         log_odds[fold == k] = regression(rows[: len(fold)], others, 0, settings)(rows[: len(fold)][fold == k])
     return log_odds
@@ -118,6 +124,11 @@ class Witnesses:
     sign: Float[Array, " W"]
     """1 where more is better, -1 where the others turn a witness."""
 
+    @property
+    def heard(self) -> tuple[int, ...]:
+        """See `rpil.inference.answers.Answers`."""
+        return tuple(np.where(self.confirmed > 0.5, self.sign, 0).astype(int).tolist())
+
 
 def weigh(
     rows: Float[Array, "R D"],
@@ -130,30 +141,47 @@ def weigh(
     `evidence` of answers. More is thought to be better until the others say otherwise."""
     if not values.size:
         return Witnesses(values, np.ones(values.shape[1]), np.ones(values.shape[1]))
-    levels = [levels_of(column, settings.max_levels) for column in values.T]
-    priors = [prior_counts(level, settings) for level in levels]
+    n, levels = len(values), [levels_of(column, settings.max_levels) for column in values.T]
+    priors, alike = [prior_counts(level, settings) for level in levels], most_alike(levels)
     found = np.stack([log_ratio(counts)[level] for level, counts in zip(levels, priors, strict=True)], axis=1)
-    alike = most_alike(levels)
-    confirmed, sign = np.ones(len(levels)), np.ones(len(levels))
+    by_columns = np.array(
+        [confirmed_by_columns(rows, evidence[:n], *one, settings) for one in zip(levels, priors, strict=True)]
+    )
+    for k, near in enumerate(alike):
+        by_columns[k] *= not any(are_opposed(levels[k], levels[j]) for j in near)
+    confirmed, sign = by_columns.copy(), np.ones(len(levels))
     for _ in range(MAX_ROUNDS):
         new = np.zeros_like(found)
         for k, (level, counts) in enumerate(zip(levels, priors, strict=True)):
-            others = evidence.copy()
-            others[: len(values)] += np.delete(found, [k, *alike[k]], axis=1).sum(axis=1)
-            if not is_contrast(others, n_pairs):  # nothing else tells how reliable it is
-                new[:, k] = log_ratio(counts)[level]
-                agrees = all(not are_opposed(level, levels[j]) for j in alike[k])
-                confirmed[k] = agrees * reliability(held_out(rows, new[:, k], settings), level, counts)[1]
-                continue
-            log_odds = regression(rows, others, n_pairs, settings)(rows[: len(values)]) + others[: len(values)]
-            ratio, confirmed[k] = reliability(log_odds, level, counts)
+            others, ratio = (
+                evidence.copy(),
+                log_ratio(counts) * (by_columns[k] > 0.5),
+            )  # nothing else may tell its worth
+            others[:n] += np.delete(found, [k, *alike[k]], axis=1).sum(axis=1)
+            if is_contrast(others, n_pairs):
+                log_odds = regression(rows, others, n_pairs, settings)(rows[:n]) + others[:n]
+                ratio, gain = reliability(log_odds, level, counts)
+                by_others = float(expit(gain - len(ratio[:-1]) / 2 * np.log(max((level >= 0).sum(), 1))))
+                sign[k] = np.sign(ratio[-2] - ratio[0]) or 1.0
+                confirmed[k] = max(by_others, by_columns[k]) if sign[k] > 0 else by_others
             new[:, k] = confirmed[k] * ratio[level]
-            sign[k] = np.sign(ratio[-2] - ratio[0]) or 1.0
         new /= shared_errors(rows, evidence, n_pairs, new, levels, settings)
         change, found = float(np.abs(new - found).max()), new
         if change < ENOUGH:
             break
     return Witnesses(found, confirmed, sign)
+
+
+def confirmed_by_columns(
+    rows: Array,
+    answered: Float[Array, " M"],
+    level: Int[Array, " M"],
+    counts: Float[Array, "2 K"],
+    settings: AnswerSettings,
+) -> float:
+    """The probability that what a witness says of other folds, as it is thought beforehand, predicts its levels."""
+    log_odds = held_out(rows, answered + log_ratio(counts)[level], settings)
+    return float(expit(reliability(log_odds, level, counts)[1] - CHANCE))
 
 
 def levels_of(values: Float[Array, " M"], most: int) -> Int[Array, " M"]:
@@ -182,28 +210,32 @@ def log_ratio(counts: Float[Array, "2 K"]) -> Float[Array, " K+1"]:
 
 
 def most_alike(levels: list[Int[Array, " M"]]) -> list[list[int]]:
-    """Of each witness, the one that is most correlated with it; nothing of one."""
+    """Of each witness, the one that is most correlated with it, and all others by more than `TOO_ALIKE`."""
     if len(levels) < 2:
         return [[]]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        alike = np.abs(np.nan_to_num(np.corrcoef(levels)))
+    alike = np.array([[abs(correlation(one, other)) for other in levels] for one in levels])
     np.fill_diagonal(alike, -1.0)
-    return [[int(k)] for k in alike.argmax(axis=1)]
+    return [np.flatnonzero(own >= min(own.max(), TOO_ALIKE)).tolist() for own in alike]
+
+
+def correlation(level: Int[Array, " M"], other: Int[Array, " M"]) -> float:
+    """Of two witnesses, where both are known; 0 where one is always the same there."""
+    known = (level >= 0) & (other >= 0)
+    if len({*level[known].tolist()}) < 2 or len({*other[known].tolist()}) < 2:
+        return 0.0
+    return float(np.corrcoef(level[known], other[known])[0, 1])
 
 
 def are_opposed(level: Int[Array, " M"], other: Int[Array, " M"]) -> bool:
     """Whether one witness is low where the other one is high, by more than chance."""
-    known = (level >= 0) & (other >= 0)
-    if len({*level[known].tolist()}) < 2 or len({*other[known].tolist()}) < 2:
-        return False
-    return bool(np.corrcoef(level[known], other[known])[0, 1] * np.sqrt(known.sum()) < -2)
+    return bool(correlation(level, other) * np.sqrt(((level >= 0) & (other >= 0)).sum()) < -2)
 
 
 def reliability(
     log_odds: Float[Array, " M"], level: Int[Array, " M"], prior: Float[Array, "2 K"], n_iter: int = 30
 ) -> tuple[Float[Array, " K+1"], float]:
-    """The log-ratios of the levels of a witness, given the `log_odds` of good by all else, and the probability that it
-    is not by chance, by BIC with as many parameters as levels."""
+    """The log-ratios of the levels of a witness, given the `log_odds` of good by all else, and the nats by which these
+    explain its levels better than their shares do."""
     known, n = level >= 0, prior.shape[1]
     log_odds, level, counts = log_odds[known], level[known], prior
     for _ in range(n_iter):
@@ -212,8 +244,7 @@ def reliability(
     bad, good = counts / counts.sum(axis=1, keepdims=True)
     explained = expit(log_odds) * good[level] + expit(-log_odds) * bad[level]
     shares = np.bincount(level, minlength=n) + 0.5
-    gain = float(np.log(explained / (shares / shares.sum())[level]).sum())
-    return log_ratio(counts), float(expit(gain - n / 2 * np.log(max(len(level), 1))))
+    return log_ratio(counts), float(np.log(explained / (shares / shares.sum())[level]).sum())
 
 
 def shared_errors(

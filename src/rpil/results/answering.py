@@ -67,6 +67,7 @@ def with_answers(audit: A, known: Answers) -> A:
     from rpil.mixture.demonstrator_prior import trust_by_demonstrator
 
     found = answer(audit.columns, known, audit.settings.judge.answers, audit.copy_of)
+    known = replace(known, heard=found.witnesses.heard)
     from_label = found.log_odds - audit.from_actions
     who, prior = known_demonstrators(audit.demonstrators, audit.ids), audit.settings.judge.demonstrators
     said = known.shared(audit.copy_of).said
@@ -136,7 +137,7 @@ def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, 
     before = [((audit.ids[a], audit.ids[b]), relation) for relation, of_it in old for a, b in of_it.tolist()]
     given = pairs if isinstance(pairs, Mapping) else dict.fromkeys(pairs, "better than")
     compared, tied = match_pairs([*before, *more.items(), *given.items()], audit.ids)
-    return replace(known, labels=signs, pairs=compared, tied=tied)
+    return replace(known, labels=signs, pairs=compared, tied=tied, heard=None)
 
 
 def shown_proba(

@@ -169,7 +169,9 @@ def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
             if isinstance(found, dict) and isinstance(found.get("rejected"), dict):
                 return _table_of_kept(found)
             rows = list(found)
-            columns = {name: [row[name] for row in rows] for name in rows[0]} if isinstance(rows[0], dict) else {}
+            columns = (
+                {name: [row[name] for row in rows] for name in rows[0]} if rows and isinstance(rows[0], dict) else {}
+            )
             if is_csv and "id" in columns:
                 columns["id"] = [from_cell(str(name)) for name in columns["id"]]
     if {"id", "verdict"} <= {*columns}:

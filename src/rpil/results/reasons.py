@@ -119,8 +119,10 @@ def _by_answers(audit: Judged, m: int, answers: Answers, said: str) -> str:
         return ""
     if verdict not in (vocabulary.upper, vocabulary.lower):
         return ""
-    if answers.has_outcome[m]:
-        return f"Its outcome is among the {'highest' if verdict == vocabulary.upper else 'lowest'}"
+    if answers.heard == (1,) and answers.has_outcome[m]:
+        values, upper = answers.outcomes[:, 0], verdict == vocabulary.upper
+        if values[m] > np.nanmedian(values) if upper else values[m] < np.nanmedian(values):
+            return f"Its outcome is among the {'highest' if upper else 'lowest'}"
     return f"{verdict.capitalize()} by your answers about others like it"
 
 

@@ -183,7 +183,12 @@ def _joined_answers(of_tasks: Sequence[Answers], numbers: Sequence[Array], n: in
     both = np.concatenate([joined.pairs, *pairs]), np.concatenate([joined.tied, *tied])
     flags = {answers.names[answers.only_flag] for answers in of_tasks if answers.names and answers.only_flag >= 0}
     flag = names.index(flags.pop()) if len(flags) == 1 else -1
-    return replace(joined, outcomes=outcomes, names=names, flag=flag, pairs=both[0], tied=both[1])
+    told = [
+        (name, sign) for answers in of_tasks for name, sign in zip(answers.names, answers.heard or (), strict=False)
+    ]
+    heard = tuple(max((sign for name, sign in told if name == own), key=abs, default=1) for own in names)
+    joined = replace(joined, outcomes=outcomes, names=names, flag=flag, heard=heard if told else None)
+    return replace(joined, pairs=both[0], tied=both[1])
 
 
 def _joined_notes(audits: Mapping[str, Audit]) -> tuple[str, ...]:
