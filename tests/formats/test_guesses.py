@@ -34,9 +34,14 @@ def drives(n=12, **changes):
     return pa.table(columns | changes)
 
 
-@pytest.fixture
-def drive(tmp_path, monkeypatch):
+@pytest.fixture(autouse=True)
+def current_folder(tmp_path, monkeypatch):
+    """A current folder for each test, as refused() reads all of its files."""
     monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def drive():
     pa.csv.write_csv(drives(), "my drive.csv")
     return "my drive.csv"
 
