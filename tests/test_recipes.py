@@ -27,7 +27,7 @@ from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.numerics.blocks import add
 from rpil.numerics.types import Array, Float
 from rpil.results.html.page import render_page
-from rpil.results.judged import of_demonstration
+from rpil.results.judged import of_each
 from rpil.results.record import Audit
 from rpil.results.tasks import join_audits, select
 from rpil.results.view import About, make_view
@@ -229,7 +229,7 @@ def test_engine_recipe():
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Surprised(Audit):
-    surprise: Float[Array, " M"] = field(kw_only=True, metadata=of_demonstration(shown="surprise"))
+    surprise: Float[Array, " M"] = field(kw_only=True, metadata=of_each("M", shown="surprise"))
 
 
 def test_audit_column_recipe():
