@@ -42,7 +42,7 @@ def log_odds_by(answers):
 def share_explained(answers):
     rows, evidence, total, n_pairs, _ = evidence_of(answers)
     answered, right = predicted(rows, evidence, total, n_pairs, len(answers.tied), SETTINGS)
-    return explained(evidence[answered], right, n_pairs)
+    return explained(evidence[answered], right, n_pairs, SETTINGS)
 
 
 def test_a_label_decides_about_its_own_demonstration_and_others_are_judged_by_it():
@@ -228,7 +228,7 @@ def test_what_the_others_explain_is_a_share_of_the_log_loss_by_hand_with_bounded
         ([1] * 40, [0.9] * 40, 0, [0.98] * 40),
     ):
         losses = [-np.log(np.clip(each, 0.02, 0.98)).sum() for each in (right, shares)]
-        assert explained(np.array(evidence, dtype=float), np.array(right), n_pairs) == pytest.approx(
+        assert explained(np.array(evidence, dtype=float), np.array(right), n_pairs, SETTINGS) == pytest.approx(
             1 - losses[0] / losses[1]
         )
 

@@ -20,7 +20,7 @@ def written(gains):
 
 
 def test_best_explained_are_the_first_of_equals():
-    fit = fit_trimmed(*written(lambda group: np.zeros(6)), EVERYONE, 1e-2, TrimmingSettings(share=0.5))
+    fit = fit_trimmed(*written(lambda group: np.zeros(6)), 1e-2, TrimmingSettings(share=0.5))
     assert np.flatnonzero(fit.group).tolist() == [0, 1, 2]
 
 
@@ -32,20 +32,20 @@ def test_concentration_steps_end_where_the_group_stays():
         return np.isin(np.arange(6), ends[min(step, 3)]) * (1.0 + step)
 
     data, model = written(gains)
-    fit = fit_trimmed(data, model, EVERYONE, 1e-2, TrimmingSettings(0.5, 9))
+    fit = fit_trimmed(data, model, 1e-2, TrimmingSettings(0.5, 9))
     assert [np.flatnonzero(group).tolist() for group in model.fitted] == [list(range(6)), *ends[:3]]
     assert np.flatnonzero(fit.group).tolist() == [2, 3, 4]
     base = data.mean_steps(fit.log_prob).min()
     np.testing.assert_allclose(fit.history - base, [0.5, 4 / 3, 2.0, 4.0])
     assert fit.ridge == 1e-2
-    short = fit_trimmed(*written(gains), EVERYONE, 1e-2, TrimmingSettings(0.5, 1))
+    short = fit_trimmed(*written(gains), 1e-2, TrimmingSettings(0.5, 1))
     assert np.flatnonzero(short.group).tolist() == [0, 1, 2]
     assert len(short.history) == 2
 
 
 @pytest.mark.parametrize(("share", "count"), [(0.6, 4), (0.5, 3), (0.01, 2)])
 def test_a_training_group_has_its_share_and_two_at_least(share, count):
-    fit = fit_trimmed(*written(lambda group: np.arange(6.0)), EVERYONE, 1e-2, TrimmingSettings(share))
+    fit = fit_trimmed(*written(lambda group: np.arange(6.0)), 1e-2, TrimmingSettings(share))
     assert fit.group.sum() == count
 
 

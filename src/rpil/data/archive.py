@@ -25,7 +25,7 @@ from rpil.data.json_files import LARGEST_TABLE, parse
 from rpil.data.npy import ARRAY, new_member, read_arrays, write_arrays
 from rpil.numerics.types import Array
 
-VERSION = 13
+VERSION = 14
 """Version of the format; a file of another version is refused."""
 
 _HEADER = "header.json"

@@ -22,8 +22,6 @@ from rpil.inference.settings import AnswerSettings
 from rpil.inference.witnesses import Witnesses, is_contrast, regression, weigh
 from rpil.numerics.types import Array, Bool, Float, Int
 
-BOUND = 0.02
-"""Probabilities of answers stay so far from 0 and 1 where their losses are compared: one surprise is not all."""
 GOLDEN = 0.618
 """Places of further questions are spread by multiples of it."""
 
@@ -67,7 +65,7 @@ def answer(
     log_odds = np.clip(log_odds, *logit([settings.min_proba_bound, 1 - settings.min_proba_bound]))
     answered, right = predicted(rows, evidence, total, n_pairs, len(once.tied), settings)
     follows = once.contrast and (
-        explained(evidence[answered], right, n_pairs) >= settings.min_explained
+        explained(evidence[answered], right, n_pairs, settings) >= settings.min_explained
         if is_contrast(evidence, n_pairs)
         else any(witnesses.heard)
     )
@@ -103,13 +101,13 @@ def predicted(
     return answered, right
 
 
-def explained(evidence: Float[Array, " A"], right: Float[Array, " A"], n_pairs: int) -> float:
+def explained(evidence: Float[Array, " A"], right: Float[Array, " A"], n_pairs: int, settings: AnswerSettings) -> float:
     """The share of the log-loss of answers that the others explain (McFadden 1974), beyond the share of good ones among
-    other labels; of pairs one in two is better."""
+    other labels; of pairs one in two is better. No answer is surer than the rate of wrong ones."""
     yes = evidence[: len(evidence) - n_pairs] > 0
     others = (yes.sum() - yes + 0.5) / max(len(yes), 1)
     shares = np.append(np.where(yes, others, 1 - others), np.full(n_pairs, 0.5))
-    losses = [-np.log(np.clip(each, BOUND, 1 - BOUND)).sum() for each in (right, shares)]
+    losses = [-np.log(np.clip(each, settings.error, 1 - settings.error)).sum() for each in (right, shares)]
     return float(1 - losses[0] / losses[1])
 
 

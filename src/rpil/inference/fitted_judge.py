@@ -33,8 +33,7 @@ class SoftmaxRatio:
     @classmethod
     def fit(cls, data: FitData, weight: Float[Array, " N"], ridge: float, settings: HeldOutSettings) -> SoftmaxRatio:
         """Fit the policy to weighted steps, with a `ridge` a step."""
-        rows = np.flatnonzero(weight > 0)
-        return cls(fit_weighted(data, rows, weight[rows], ridge)[0], frequencies(data))
+        return cls(fit_weighted(data, weight, ridge), frequencies(data))
 
     def step_ratios(
         self, features: Float[Array, "N D"], actions: Int[Array, " N"], settings: HeldOutSettings

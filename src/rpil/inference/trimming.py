@@ -12,6 +12,7 @@ demonstrations (`rpil.inference.answers`), and not about what most of them do.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,30 +55,29 @@ def choose_ridge(data: FitData, model: HeldOutModel, group: Bool[Array, " M"]) -
     return best
 
 
-def fit_group(data: FitData, model: HeldOutModel, group: Bool[Array, " M"], ridge: float) -> TrimmedFit:
-    """Policies fitted to `group`, without concentration steps."""
+def fit_group(
+    data: FitData, model: HeldOutModel, group: Bool[Array, " M"], ridge: float, history: Sequence[float] = ()
+) -> TrimmedFit:
+    """Policies fitted to `group`, after concentration steps with this `history`."""
     log_prob = model.evaluate(data.per_step(group.astype(float)), ridge)
-    return TrimmedFit(log_prob, group, ridge, np.array([data.mean_steps(log_prob)[group].mean()]))
+    return TrimmedFit(log_prob, group, ridge, np.array([*history, data.mean_steps(log_prob)[group].mean()]))
 
 
 def fit_trimmed(
     data: FitData,
     model: HeldOutModel,
-    group: Bool[Array, " M"],
     ridge: float,
     settings: TrimmingSettings,
     monotony: Float[Array, " M"] | float = 0.0,
 ) -> TrimmedFit:
-    """Policies fitted to the share of the demonstrations that is explained best, by concentration steps from `group`;
-    what explains a demonstration counts less its `monotony` (`rpil.inference.scores`)."""
+    """Policies fitted to the share of the demonstrations that is explained best, by concentration steps from all; what
+    explains a demonstration counts less its `monotony` (`rpil.inference.scores`)."""
     count, every = max(2, round(settings.share * data.n_demonstrations)), np.arange(data.n_demonstrations)
-    fit = fit_group(data, model, group, ridge)
-    history = [fit.history]
+    fit = fit_group(data, model, every >= 0, ridge)
     for _ in range(settings.max_iter):
         explained = data.mean_steps(fit.log_prob) - monotony
         best = np.isin(every, np.argsort(-explained, kind="stable")[:count])
         if (best == fit.group).all():
             break
-        fit = fit_group(data, model, best, ridge)
-        history.append(fit.history)
-    return TrimmedFit(fit.log_prob, fit.group, ridge, np.concatenate(history))
+        fit = fit_group(data, model, best, ridge, fit.history.tolist())
+    return fit

@@ -97,9 +97,7 @@ def score_by_best_group(scoring: Scoring) -> Scores:
     there are two groups is asked once, of the last scores.
     """
     data, settings = scoring.data, scoring.settings
-    everyone = np.ones(data.n_demonstrations, dtype=bool)
-    trimmed = fit_trimmed(data, scoring.model, everyone, scoring.ridge, settings.trimming, scoring.monotony)
-    first = scoring.score(trimmed)
+    first = scoring.score(fit_trimmed(data, scoring.model, scoring.ridge, settings.trimming, scoring.monotony))
     upper = first.groups.upper(first.score, first.variance)
     if not data.space.has_density:
         upper &= first.score > 0

@@ -2,7 +2,7 @@
 
 One solver serves behavioural cloning (hard targets), every M-step of EM (soft targets, warm start, one step) and the
 final policy (weights). Newton directions come from preconditioned conjugate gradients on Hessian products; the
-preconditioner is made of the exact class blocks of the Hessian on a subsample of the steps.
+preconditioner is the Hessian of a subsample of the steps, or its class blocks where there are many coefficients.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from rpil.numerics.types import Array, Float
 PRECONDITIONER_MIN_STEPS = 8192
 """Steps in the subsample of a preconditioner, at least; and at least four a feature."""
 
-PRECONDITIONER_NEWTON_STEPS = 4
+PRECONDITIONER_NEWTON_STEPS = 8
 """Newton steps after which the preconditioner is made again."""
 
-FULL_HESSIAN_MAX_COEFFICIENTS = 1_500
-"""Coefficients up to which the Hessian of a sample is inverted as a whole, not by class blocks."""
+WHOLE_HESSIAN_MAX_COEFFICIENTS = 1_000
+"""Coefficients up to which the Hessian is inverted as a whole, not by class blocks."""
 
 HISTORY_LENGTH = 30
 """Points of a `CurvatureHistory` that L-BFGS uses."""
@@ -74,6 +74,7 @@ def fit_softmax(
     ridge, weight = penalty[:, None], targets.sum(axis=1)
     scale = max(float(weight.sum()), np.finfo(float).tiny)
     weights = np.zeros((features.shape[1], targets.shape[1])) if start is None else np.array(start, dtype=float)
+    weights -= weights.mean(axis=1, keepdims=True)  # which all actions share, no step changes
     logits = linear(features, weights)
     log_proba = log_softmax(logits)
     objective = _objective(log_proba, targets, weights, ridge)
@@ -159,12 +160,12 @@ def lbfgs_step(
 
 
 class Preconditioner:
-    """Inverse of the Hessian's class blocks X^T diag(s p_k (1 - p_k)) X + penalty, from an even subsample of the steps.
+    """Inverse of the Hessian, or of its class blocks X^T diag(s p_k (1 - p_k)) X + penalty where it has more than
+    `WHOLE_HESSIAN_MAX_COEFFICIENTS` rows, from an even subsample of the steps.
 
     `proba` are the probabilities p of the policy and `weight` the weights s of the steps. `unseen_curvature` is given
     for a sample of the data, whose Hessian serves many passes: the curvature that a direction may have in all data
-    although the sample has none there. Then all steps are used, and the Hessian is inverted as a whole where it has no
-    more than `FULL_HESSIAN_MAX_COEFFICIENTS` rows.
+    although the sample has none there. Then all steps are used.
     """
 
     def __init__(
@@ -180,14 +181,18 @@ class Preconditioner:
         n_steps, n_features = features.shape
         stride = 1 if of_sample else max(1, n_steps // max(PRECONDITIONER_MIN_STEPS, 4 * n_features))
         x, p, s = features[::stride], proba[::stride], stride * weight[::stride]
-        if of_sample and n_features * p.shape[1] <= FULL_HESSIAN_MAX_COEFFICIENTS:
-            hessian = _full_hessian(x.astype(float, copy=False), p, s)[None]
-            penalty = np.tile(penalty, p.shape[1])
+        if p.shape[1] <= n_features and n_features * p.shape[1] <= WHOLE_HESSIAN_MAX_COEFFICIENTS:
+            hessian = _whole_hessian(x.astype(float, copy=False) if of_sample else x, p, s)
+            # A shift of all actions changes nothing: it gets a curvature, or the inverse blows rounding up.
+            n_actions = p.shape[1]
+            shift = np.full((n_actions, n_actions), np.diag(hessian).max() / n_actions)
+            hessian = (hessian + np.kron(shift, np.eye(n_features)))[None]
+            penalty = np.tile(penalty, n_actions)
         else:
             root = np.sqrt(s[:, None] * p * np.maximum(1 - p, 0.0)).astype(x.dtype, copy=False)
             weighted = (x * root[:, k : k + 1] for k in range(p.shape[1]))
             hessian = np.stack([y.T @ y for y in weighted]).astype(float)  # takes half of X^T Y
-        floor = max(1e-8, 100 * np.finfo(x.dtype).eps) if len(hessian) > 1 else 1e-9
+        floor = 1e-9 if of_sample and len(hessian) == 1 else max(1e-8, 100 * np.finfo(x.dtype).eps)
         diagonal = np.einsum("kdd->kd", hessian)
         # The floor keeps a class that the subsample hardly sees invertible, and is above the product's rounding.
         diagonal += penalty + floor * (1e-8 + diagonal.max(axis=1, keepdims=True))
@@ -219,13 +224,13 @@ class Preconditioner:
         return step
 
 
-def _full_hessian(features: Array, proba: Array, weight: Array) -> Array:
+def _whole_hessian(features: Array, proba: Array, weight: Array) -> Array:
     """The Hessian (K D, K D) with the blocks X^T diag(s p_k (1[k = l] - p_l)) X."""
     n_features, n_actions = features.shape[1], proba.shape[1]
     hessian = np.empty((n_actions, n_features, n_actions, n_features))
     for k in range(n_actions):
         for j in range(k + 1):
-            curvature = weight * proba[:, k] * (float(j == k) - proba[:, j])
+            curvature = (weight * proba[:, k] * (float(j == k) - proba[:, j])).astype(features.dtype, copy=False)
             hessian[k, :, j] = (features.T * curvature) @ features
             hessian[j, :, k] = hessian[k, :, j].T
     return hessian.reshape(n_actions * n_features, -1)

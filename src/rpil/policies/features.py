@@ -51,7 +51,7 @@ class FeatureSettings:
     """Spreads from the location at which a robust map cuts observations off."""
 
 
-@stored(renews=("F", "R"), location="D", spread="D", center="F", scale="F", landmarks="R E", mixing="R R")
+@stored(renews=("F", "R"), folds="D", location="D", spread="D", center="F", scale="F", landmarks="R E", mixing="R R")
 @dataclass(frozen=True, eq=False)
 class FeatureMap:
     """Observations (N, D) to a design matrix (N, F + 1) whose last column is the constant."""
@@ -59,6 +59,8 @@ class FeatureMap:
     kind: str
     """One of `FEATURE_KINDS`, in order: the observation; the observation and its distance from the mean, so that a
     policy may treat both sides equally; these two, and Nystroem's approximation of a Gaussian kernel on them."""
+    folds: Float[Array, " D"]
+    """1 of a column with more than two values, whose distance from the mean is a column, too; else 0."""
     location: Float[Array, " D"]
     spread: Float[Array, " D"]
     """Mean and standard deviation by which observations are standardised before they are folded; of a robust map those
@@ -67,7 +69,7 @@ class FeatureMap:
     scale: Float[Array, " F"]
     """The same of every column, by which it is standardised."""
     landmarks: Float[Array, "R E"]
-    """Folded observations with which Nystroem compares; (0, 2 D) for the other kinds."""
+    """Folded observations with which Nystroem compares; (0, E) for the other kinds."""
     mixing: Float[Array, "R R"]
     """Matrix that turns the similarities to the landmarks into features."""
     ridge_per_step: float
@@ -115,15 +117,18 @@ class FeatureMap:
         location, spread = _location_and_spread(observations, weight, offsets)
         if bound is not None:
             observations = _cut_off(observations, location, spread, bound)
-        landmarks, mixing = np.empty((0, 2 * observations.shape[1])), np.empty((0, 0))
+        folds = np.array([float(_has_three_values(column)) for column in observations.T])
+        landmarks, mixing = np.empty((0, len(folds) + int(folds.sum()))), np.empty((0, 0))
         if kind == "nystroem":
-            landmarks = _landmarks(_fold((observations - location) / spread), settings)
+            landmarks = _landmarks(_fold((observations - location) / spread, folds), settings)
             values, vectors = np.linalg.eigh(_similarity(landmarks, landmarks, settings.kernel_width))
             # The inverse root of the similarities of landmarks (Williams and Seeger 2001).
             mixing = (vectors / np.sqrt(np.maximum(values, settings.landmark_tol**2))) @ vectors.T
         none = np.zeros(0)
         ridge = settings.ridge_per_step if ridge is None else ridge
-        unscaled = cls(kind, location, spread, none, none, landmarks, mixing, ridge, settings.kernel_width, bound)
+        unscaled = cls(
+            kind, folds, location, spread, none, none, landmarks, mixing, ridge, settings.kernel_width, bound
+        )
         columns = unscaled._columns(observations)
         center, scale = _location_and_spread(columns, weight, offsets, unit=1.0 if kind == "nystroem" else 0.0)
         return replace(unscaled, center=center, scale=scale)
@@ -155,8 +160,8 @@ class FeatureMap:
             return observations
         z = _standardised(observations, self.location, self.spread)
         if self.kind == "folded":
-            return np.hstack([observations, np.abs(z)])
-        folded = _fold(z)
+            return np.hstack([observations, np.abs(z[:, self.folds > 0])])
+        folded = _fold(z, self.folds)
         return np.hstack([folded, _similarity(folded, self.landmarks, self.kernel_width) @ self.mixing])
 
 
@@ -167,12 +172,17 @@ def _standardised(values: Array, center: Array, scale: Array) -> Array:
     return np.asarray((values - center) / scale)
 
 
-def _fold(z: Array) -> Array:
-    return np.hstack([z, np.abs(z)])
+def _fold(z: Array, folds: Array) -> Array:
+    return np.hstack([z, np.abs(z[:, folds > 0])])
+
+
+def _has_three_values(column: Array) -> bool:
+    others = column[column != column[0]]
+    return bool((others != others[:1]).any())
 
 
 def _landmarks(folded: Array, settings: FeatureSettings) -> Array:
-    """Landmarks among the rows (N, 2 D), each drawn with the probability that the earlier ones do not explain it:
+    """Landmarks among the rows (N, E), each drawn with the probability that the earlier ones do not explain it:
     randomly pivoted Cholesky (Chen, Epperly, Tropp and Webber 2024).
 
     Uniform draws would be mostly where an expert stands still.
