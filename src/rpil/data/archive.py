@@ -2,19 +2,18 @@
 
 The header is a tree of JSON values: numbers and text stand for themselves; an array is named by its member of the
 archive; an object is the name of a class that `stored` registered, and its fields. `Decoder` makes objects of
-registered classes only, and checks the type of every field, and the shape of every array, against the class.
+registered classes only, and checks the fields, and the shape of every array, against the class.
 """
 
 from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
-from types import UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists, replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, parse
-from rpil.data.npy import ARRAY, new_member, read_arrays, write_arrays
+from rpil.data.npy import ARRAY, read_arrays, write_arrays
 from rpil.numerics.types import Array
 
 VERSION = 13
@@ -80,14 +79,15 @@ def rpil_version() -> str:
 def write_archive(path: StrPath, header: Mapping[str, object], arrays: Mapping[str, Array]) -> None:
     """Write a header and arrays to a file, which is whole or not there."""
     with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        archive.writestr(new_member(archive, _HEADER), json.dumps(header, indent=1))
+        with archive.open(_HEADER, "w") as member:
+            member.write(json.dumps(header, indent=1).encode())
         write_arrays(archive, arrays)
 
 
 def encode(value: object, name: str, arrays: dict[str, Array]) -> Json:
     """`value` as a node of the header; its arrays are added to `arrays` under names that begin with `name`.
 
-    A `TypeError` names a class that is not registered.
+    A `TypeError` names a class that is not registered, or that of the estimator that such an object is made of.
     """
     if isinstance(value, np.generic):
         value = value.item()
@@ -101,16 +101,11 @@ def encode(value: object, name: str, arrays: dict[str, Array]) -> Json:
     if isinstance(value, Mapping):
         pairs = enumerate(value.items())
         return {"pairs": [[encode(part, f"{name}/{k}", arrays) for part in pair] for k, pair in pairs]}
-    class_name = stored_name(value)
-    if class_name is None:
-        raise TypeError(type(value).__name__)
-    content = {f: encode(getattr(value, f), f"{name}/{f}", arrays) for f in _field_names(type(value))}
-    return {"class": class_name, "fields": content}
-
-
-def stored_name(value: object) -> str | None:
-    """The name in files of the class of `value`; None if the class is not registered by `stored`."""
-    return next((name for name, entry in CLASSES.items() if entry.kind is type(value)), None)
+    kind = type(value)
+    if not any(entry.kind is kind for entry in CLASSES.values()):
+        raise TypeError(type(getattr(value, "estimator", value)).__name__)
+    content = {f: encode(getattr(value, f), f"{name}/{f}", arrays) for f in _field_names(kind)}
+    return {"class": kind.__name__, "fields": content}
 
 
 def _field_names(kind: type) -> list[str]:
@@ -131,27 +126,6 @@ def check_array(value: object, axes: str, sizes: dict[str, int]) -> None:
             raise ValueError(axes)
     if np.isnan(value).any():
         raise ValueError(axes)
-
-
-def is_of_type(value: object, hint: Any) -> bool:
-    """Whether a value that is no array is of the type that a record declares; any array is one."""
-    origin, args = get_origin(hint), get_args(hint)
-    if isinstance(value, np.ndarray):
-        return True
-    if origin in (Union, UnionType):
-        return any(is_of_type(value, one) for one in args)
-    if origin is Literal:
-        return value in args
-    if origin is tuple and isinstance(value, tuple):
-        kinds = args[:1] * len(value) if args[-1] is ... else args
-        return len(kinds) == len(value) and all(map(is_of_type, value, kinds))
-    if isinstance(origin, type) and issubclass(origin, Mapping) and isinstance(value, dict):
-        return all(is_of_type(key, args[0]) and is_of_type(one, args[1]) for key, one in value.items())
-    if hint is Hashable:
-        return isinstance(value, str | int | float)
-    if hint in (int, float):
-        return isinstance(value, int | hint) and not isinstance(value, bool)
-    return hint is Any or (isinstance(hint, type) and (getattr(hint, "_is_protocol", False) or isinstance(value, hint)))
 
 
 class Decoder:
@@ -182,12 +156,10 @@ class Decoder:
         if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(entry.kind)):
             raise KeyError(node["class"])
         self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in entry.renews}
-        values, hints = {}, get_type_hints(entry.kind)
+        values = {}
         for name, part in content.items():
             is_array = name in entry.arrays and part is not None
             values[name] = self.array(part, entry.arrays[name]) if is_array else self.value(part)
-            if not is_of_type(values[name], hints[name]):
-                raise TypeError(name)
         return entry.kind(**values)
 
 
