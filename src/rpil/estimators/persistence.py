@@ -63,8 +63,8 @@ def save(estimator: SavedEstimator, path: StrPath) -> None:
         fitted = {name: encode(getattr(estimator, name), name.strip("_"), arrays) for name in reversed(FITTED[kind])}
     except TypeError as error:
         raise DataError(
-            f"{path}: a {error} cannot be saved without pickle; keep the weights of the steps (rpil audit --weights, or "
-            "audit_.step_weight) and fit to them again, or leave it out."
+            f"{path}: a {error} cannot be saved without pickle; leave it out, or keep the weights of the steps "
+            "(rpil audit --weights, or audit_.step_weight) and fit to them again."
         ) from None
     header = {
         "schema": ESTIMATOR_SCHEMA,

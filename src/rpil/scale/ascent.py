@@ -6,7 +6,7 @@ has most of the curvature right, so that each pass removes most of the remaining
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -16,18 +16,8 @@ from rpil.numerics.newton import Preconditioner
 from rpil.numerics.types import Array
 from rpil.policies.protocol import AdditivePolicy
 from rpil.scale.fit import WeightedBlock
-from rpil.scale.local import StepFile
 from rpil.scale.protocol import Shards
 from rpil.scale.settings import AscentSettings
-
-
-def gather_steps(blocks: Iterator[tuple[Array, ...]], n_steps: int) -> tuple[list[Array], float]:
-    """Log-ratios, shares and weights of all steps, (N,) each, in a temporary file, and the sum of the weights."""
-    total, file = 0.0, StepFile(n_steps)
-    for columns in blocks:
-        total += float(columns[-1].sum())
-        file.append(columns)
-    return file.read(slice(0, n_steps)), total
 
 
 def block_statistics(block: WeightedBlock, policy: AdditivePolicy) -> Sums:
