@@ -54,6 +54,5 @@ def test_labels_are_signs():
     assert label_codes({"a": "adversary"}, WORDS.ids).tolist() == [-1, 0]
     assert label_codes({}, WORDS.ids).tolist() == [0, 0]
     assert label_codes({"a": "adversary", "b": "adversary"}, WORDS.ids).tolist() == [-1, -1]
-    for wrong in ("better than b", "great"):
-        with pytest.raises(DataError, match=r"labels.*give labels, 'good' or 'bad'\.|unknown label 'great'"):
-            label_codes({"a": wrong}, WORDS.ids)
+    with pytest.raises(DataError, match="unknown label 'great'"):
+        label_codes({"a": "great"}, WORDS.ids)
