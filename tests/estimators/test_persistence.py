@@ -108,7 +108,9 @@ def test_save_refuses_a_policy_that_is_an_estimator_of_others(data, tmp_path):
     from sklearn.tree import DecisionTreeClassifier
 
     model = RPIL(policy=DecisionTreeClassifier(max_depth=3)).fit(data)
-    with pytest.raises(DataError, match="a DecisionTreeClassifier cannot be saved without pickle; leave it out, or keep"):
+    with pytest.raises(
+        DataError, match="a DecisionTreeClassifier cannot be saved without pickle; leave it out, or keep"
+    ):
         save(model, tmp_path / "p")
     assert not list(tmp_path.iterdir())
 
