@@ -151,7 +151,7 @@ def write_answers(
     end, comma, lines = "\r\n" if b"\r\n" in old else "\n", rows.reader.dialect.delimiter, io.StringIO(newline="")
     for cells in (names, *([row.get(name) or "" for name in names] for row in kept)):
         plain = all(text.isprintable() and text == text.strip() for text in cells)  # else readers leave spaces out
-        quoting = csv.QUOTE_MINIMAL if plain else csv.QUOTE_ALL
+        quoting: Literal[0, 1] = csv.QUOTE_MINIMAL if plain else csv.QUOTE_ALL
         csv.writer(lines, delimiter=comma, lineterminator=end, quoting=quoting).writerow(cells)
     with replacing(path) as temporary:
         temporary.write_bytes(lines.getvalue().encode(encoding))

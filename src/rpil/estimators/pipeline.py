@@ -226,20 +226,15 @@ class FullFit:
         data = options.judged(self._data(different, features, copies.judged))
         return JudgeInput(different, data, features, copies=copies if copies.any else None)
 
-    def held_out(self, posed: JudgeInput) -> HeldOutModel:
-        """The policies that score demonstrations from which they did not learn."""
-        data, settings = posed.data, self.options.settings.judge.held_out
-        if self.options.policy is None:
-            return held_out_model(data, settings)
-        return HeldOutPolicy(data, self.options.cross_fitted(data.space, len(data.actions)), settings)
-
     def decide(self, posed: JudgeInput) -> FitResult:
         """The decision of the judge about all demonstrations, with the answers that were given."""
         task, options, copies, judge_settings = self.task, self.options, posed.copies, self.options.settings.judge
-        learner = options.linear_data(posed) if self.keeps_policy else None
+        data, learner = posed.data, options.linear_data(posed) if self.keeps_policy else None
         with_prior = replace(judge_settings, parts=replace(judge_settings.parts, prior=options.settings.mixture.prior))
-        judgement = judge(posed.data, self.held_out(posed), with_prior, options.progress, learner)
-        judgement, data, sample = self.extend(posed, judgement)
+        model: HeldOutModel = held_out_model(data, judge_settings.held_out)
+        if options.policy is not None:
+            model = HeldOutPolicy(data, options.cross_fitted(data.space, len(data.actions)), judge_settings.held_out)
+        judgement, data, sample = self.extend(posed, judge(data, model, with_prior, options.progress, learner))
         # An audit answers like the judge, and without a policy its weights are for other trainings.
         settings = replace(options.settings.audit, judge=judge_settings, weighs_for_learner=self.keeps_policy)
         told = judgement if sample is None else replace(judgement, log_ratio=np.empty(0))  # its steps are on disk

@@ -151,12 +151,10 @@ class TrainedPolicy(HeldOutModel):
         try:
             log_prob = np.asarray(given, dtype=float)
         except (TypeError, ValueError):
-            raise DataError(f"log_prob returned {type(given).__name__}; let it return {len(rows)} numbers.") from None
+            log_prob = np.empty(())
         if log_prob.shape != (len(rows),):
-            raise DataError(
-                f"log_prob returned the shape {log_prob.shape} for {len(rows)} steps; let it return ({len(rows)},), "
-                "the log-probability of each action taken."
-            )
+            what = f"log_prob returned {type(given).__name__} of shape {log_prob.shape} for {len(rows)} steps"
+            raise DataError(f"{what}; let it return ({len(rows)},), the log-probability of each action taken.")
         wrong = np.flatnonzero(np.isnan(log_prob) | (log_prob == np.inf))
         if len(wrong):
             step, m = rows[wrong[0]], self.data.groups[rows[wrong[0]]]

@@ -25,18 +25,6 @@ Given = Demonstrations | Frame | list[object] | Iterator[object]
 """Demonstrations, or what they are read from: a data frame, or trajectories."""
 
 
-def checked_steps(estimator: BaseEstimator, X: ArrayLike, y: ArrayLike | None) -> tuple[Array, Array]:
-    """Observations and actions, checked by scikit-learn."""
-    estimator.observation_names_ = ()
-    given = np.asarray(y)
-    checked: tuple[Array, Array] = validate_data(
-        estimator, X, y, multi_output=given.ndim == 2 and given.dtype.kind == "f"
-    )
-    if checked[1].ndim == 1 and checked[1].dtype.kind == "f" and not are_whole(checked[1]):
-        raise DataError("Unknown label type: continuous; give continuous actions as columns, (N, 1) where it is one.")
-    return checked
-
-
 def see(estimator: BaseEstimator, X: DemonstrationSet) -> None:
     """Keep the names of the observations."""
     estimator.n_features_in_, estimator.observation_names_ = X.n_observations, X.observation_names
@@ -51,8 +39,7 @@ def checked_rows(estimator: BaseEstimator, X: ArrayLike) -> Array:
     passes = (
         type(X) is np.ndarray
         and X.dtype in (np.float32, np.float64)
-        and X.ndim == 2
-        and X.shape[1] == estimator.n_features_in_
+        and X.shape[1:] == (estimator.n_features_in_,)
         and len(X) > 0
         and not hasattr(estimator, "feature_names_in_")  # the check warns if it is missing from X
         and np.isfinite(X).all()
@@ -75,7 +62,11 @@ def as_demonstrations(
     if isinstance(X, Demonstrations):
         see(estimator, X)
         return X
-    observations, actions = checked_steps(estimator, cast(ArrayLike, X), y)
+    estimator.observation_names_, given = (), np.asarray(y)
+    are_numbers = given.ndim == 2 and given.dtype.kind == "f"
+    observations, actions = cast(tuple[Array, Array], validate_data(estimator, X, y, multi_output=are_numbers))
+    if actions.ndim == 1 and actions.dtype.kind == "f" and not are_whole(actions):
+        raise DataError("Unknown label type: continuous; give continuous actions as columns, (N, 1) where it is one.")
     if actions.dtype.kind not in "fc":
         check_classification_targets(actions)
     if groups is None:
