@@ -14,10 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpil.data.coding import encode_actions
 from rpil.data.demonstrations import Block
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Space
+from rpil.data.spaces import Space, encode_actions
 from rpil.inference.channels import channels, columns_of, components, summaries
 from rpil.inference.fitted_judge import FittedJudge, Ratio, fit_ratio
 from rpil.inference.groups import fit_groups
