@@ -23,7 +23,7 @@ from rpil import DaskEngine, DataError, formats
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.scale import dask as engine
-from rpil.scale.ascent import block_statistics
+from rpil.scale.fit import block_statistics
 from small import SAMPLE, small_rpil
 
 distributed = pytest.importorskip("distributed")

@@ -19,8 +19,7 @@ from rpil.policies.linear import linear_policy
 from rpil.results.evidence import StepEvidence, traces, worth_a_look
 from rpil.results.judged import Traces
 from rpil.results.step_weights import of_demonstrations, weights_of
-from rpil.scale.ascent import ascend
-from rpil.scale.fit import DesignMap, JudgedSample, WeightedMap, judge_everyone, policies_of_parts, score_block
+from rpil.scale.fit import DesignMap, JudgedSample, WeightedMap, ascend, judge_everyone, policies_of_parts, score_block
 from rpil.scale.local import LocalEngine, gathered
 
 MAX_DRAWN_STEPS = 100_000
