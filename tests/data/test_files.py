@@ -53,21 +53,6 @@ def test_a_replaced_file_keeps_its_permissions_and_a_link_stays_a_link(tmp_path)
 
 
 @pytest.mark.parametrize("writer", [replacing, new_folder])
-def test_data_are_on_the_disk_before_they_have_their_name(tmp_path, monkeypatch, writer):
-    done = []
-    sync = os.fsync
-    monkeypatch.setattr(os, "fsync", lambda opened: (done.append(os.fstat(opened).st_ino), sync(opened)))
-    with writer(tmp_path / "out") as temporary:
-        file = temporary / "in" / "file" if writer is new_folder else temporary
-        file.parent.mkdir(exist_ok=True)
-        file.write_text("whole")
-        number = file.stat().st_ino
-        assert not done
-        assert not (tmp_path / "out").exists()
-    assert done == [number]
-
-
-@pytest.mark.parametrize("writer", [replacing, new_folder])
 def test_a_killed_process_leaves_nothing_of_that_name(tmp_path, writer):
     script = "import os, sys; from rpil.data import files\n"
     script += f"with files.{writer.__name__}(sys.argv[1]) as path:\n"
