@@ -41,12 +41,6 @@ def test_a_file_is_opened_once_and_closed_at_the_end(log):
     assert log == ["open a", "open a", "close a", "close a"]
 
 
-def test_outside_of_it_a_file_is_closed_at_once(log):
-    use(log, "a")
-    use(log, "a")
-    assert log == ["open a", "close a"] * 2
-
-
 def test_an_error_closes_the_files(log):
     with pytest.raises(ValueError, match="wrong"), holding(), held("a", lambda: closing(log)):
         raise ValueError("wrong")
