@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
@@ -39,17 +39,8 @@ NOT_STORED = {"stored": False}
 """Metadata of a dataclass field that files do not hold; it has a default."""
 
 
-@dataclass(frozen=True)
-class Stored:
-    """A dataclass whose objects an archive may hold, the axes of its arrays by name, and the `renews` of `stored`."""
-
-    kind: type
-    arrays: Mapping[str, str]
-    renews: tuple[str, ...]
-
-
-CLASSES: dict[str, Stored] = {}
-"""Registered classes by their names in files."""
+CLASSES: dict[str, tuple[type, Mapping[str, str], tuple[str, ...]]] = {}
+"""Registered classes by their names in files, with the axes of their arrays and the `renews` of `stored`."""
 
 
 def stored(*, renews: tuple[str, ...] = (), **axes: str) -> Callable[[Class], Class]:
@@ -66,7 +57,7 @@ def stored(*, renews: tuple[str, ...] = (), **axes: str) -> Callable[[Class], Cl
     """
 
     def register(kind: Class) -> Class:
-        CLASSES[kind.__name__] = Stored(kind, axes, renews)
+        CLASSES[kind.__name__] = kind, axes, renews
         return kind
 
     return register
@@ -102,7 +93,7 @@ def encode(value: object, name: str, arrays: dict[str, Array]) -> Json:
         pairs = enumerate(value.items())
         return {"pairs": [[encode(part, f"{name}/{k}", arrays) for part in pair] for k, pair in pairs]}
     kind = type(value)
-    if not any(entry.kind is kind for entry in CLASSES.values()):
+    if kind not in (registered for registered, *_ in CLASSES.values()):
         raise TypeError(type(getattr(value, "estimator", value)).__name__)
     content = {f: encode(getattr(value, f), f"{name}/{f}", arrays) for f in _field_names(kind)}
     return {"class": kind.__name__, "fields": content}
@@ -152,15 +143,15 @@ class Decoder:
             return node
         if node.keys() == {"pairs"}:
             return {self.value(key): self.value(value) for key, value in node["pairs"]}
-        entry, content = CLASSES[node["class"]], node["fields"]
-        if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(entry.kind)):
+        (kind, axes, renews), content = CLASSES[node["class"]], node["fields"]
+        if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(kind)):
             raise KeyError(node["class"])
-        self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in entry.renews}
+        self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in renews}
         values = {}
         for name, part in content.items():
-            is_array = name in entry.arrays and part is not None
-            values[name] = self.array(part, entry.arrays[name]) if is_array else self.value(part)
-        return entry.kind(**values)
+            is_array = name in axes and part is not None
+            values[name] = self.array(part, axes[name]) if is_array else self.value(part)
+        return kind(**values)
 
 
 def read_archive(

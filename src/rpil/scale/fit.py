@@ -28,7 +28,7 @@ from rpil.numerics.blocks import Sums
 from rpil.numerics.newton import Preconditioner
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
-from rpil.policies.protocol import AdditivePolicy
+from rpil.policies.linear import LinearPolicy
 from rpil.scale.local import gathered
 from rpil.scale.protocol import Shards
 from rpil.scale.settings import AscentSettings
@@ -151,7 +151,7 @@ class WeightedMap:
         return WeightedBlock(data.features, data.actions, data.per_step(self.trust[block.demonstrations]))
 
 
-def block_statistics(block: WeightedBlock, policy: AdditivePolicy) -> Sums:
+def block_statistics(block: WeightedBlock, policy: LinearPolicy) -> Sums:
     """Log-likelihood, sufficient statistics and weight of the steps of a block."""
     log_prob, statistics = policy.collect_suff_stats(block.features, block.actions, block.weight)
     return block.weight @ log_prob, statistics, block.weight.sum()
@@ -159,19 +159,19 @@ def block_statistics(block: WeightedBlock, policy: AdditivePolicy) -> Sums:
 
 def ascend(
     shards: Shards[WeightedBlock],
-    policy: AdditivePolicy,
+    policy: LinearPolicy,
     hessian: Preconditioner | None,
     settings: AscentSettings,
     progress: Callable[[str], None],
-) -> AdditivePolicy:
+) -> LinearPolicy:
     """Maximise the penalised log-likelihood of all weighted steps, from a `policy` on; returns the policy.
 
-    A step that lowers the objective, because the `hessian` of the sample (`AdditivePolicy.with_preconditioner`) is too
+    A step that lowers the objective, because the `hessian` of the sample (`SoftmaxPolicy.with_preconditioner`) is too
     small somewhere, is taken again within a radius (Levenberg and Marquardt), which grows with every success. The
     sample has fifty steps for each coefficient, so that each pass removes most of the remaining error.
     """
 
-    def objective(policy: AdditivePolicy) -> tuple[float, Sums]:
+    def objective(policy: LinearPolicy) -> tuple[float, Sums]:
         sums = shards.total(partial(block_statistics, policy=policy))
         return float(sums[0]) - policy.penalty(), sums
 
