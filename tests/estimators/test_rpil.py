@@ -21,7 +21,7 @@ from rpil import Settings
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
-from rpil.inference.settings import HeldOutSettings, JudgeSettings, TrimmingSettings
+from rpil.inference.settings import HeldOutSettings, JudgeSettings, PartSettings, TrimmingSettings
 from small import FAST, ONE_SHARE, mixture
 
 STEPS = (40, 60)
@@ -32,12 +32,13 @@ FASTEST = replace(
     ONE_SHARE,
     held_out=HeldOutSettings(max_folds=2, ridges=(0.01,)),
     trimming=TrimmingSettings(max_iter=1),
+    parts=PartSettings(max_iter=1),
 )
 """One fit of each of two folds: to scikit-learn every row is a demonstration, and it makes a hundred fits."""
 
 
 @parametrize_with_checks(
-    [BehavioralCloning(), RMEnt(groups="rows"), RPIL(settings=Settings(judge=FASTEST), groups="rows")]
+    [BehavioralCloning(), RMEnt(n_starts=2, groups="rows"), RPIL(settings=Settings(judge=FASTEST), groups="rows")]
 )
 def test_estimator_checks_of_scikit_learn(estimator, check):
     """All of them: repeated rows and weights are the same to `BehavioralCloning`, the others take no weights. How well
