@@ -15,6 +15,8 @@ from rpil.inference.held_out import held_out_model
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trust import judge
 from rpil.scale.fit import JudgedSample, judge_everyone, policies_of_parts, score_block
+from rpil.scale.settings import AscentSettings
+from small import SMALL, small_rpil
 
 SETTINGS = JudgeSettings()
 
@@ -104,3 +106,10 @@ def test_shards_hold_every_demonstration_once_in_order():
         np.testing.assert_array_equal(np.concatenate([np.diff(p.offsets) for p in blocks]), data.lengths)
         assert all(after.demonstrations.start == before.demonstrations.stop for before, after in pairwise(blocks))
         assert blocks[0].first == 0
+
+
+def test_an_ascent_without_progress_ends():
+    said = []
+    settings = replace(SMALL, ascent=AscentSettings(tol=0.0))
+    small_rpil(settings=settings, progress=said.append).fit(demonstrations()[1])
+    assert 10 < sum("over everything, objective" in line for line in said) < 40

@@ -175,19 +175,21 @@ def ascend(
         sums = shards.total(partial(block_statistics, policy=policy))
         return float(sums[0]) - policy.penalty(), sums
 
-    history = np.empty((0, 2))  # objective and gradient norm of each pass
     radius, curvature = np.inf, np.empty((0, 2, 0, 0))
     value, sums = objective(policy)
-    while len(history) < settings.max_passes:
-        history = np.vstack([history, [value, policy.gradient_norm(sums[1])]])
-        goal = settings.tol * sums[2]
-        progress(f"pass {len(history)} over everything, objective {value:.6g}")
-        if history[-1, 1] <= goal or _is_stuck(history, settings):
+    least, reached, idle = np.inf, -np.inf, 0  # gradient and objective at the last progress, and the passes since then
+    for n in range(1, settings.max_passes + 1):
+        progress(f"pass {n} over everything, objective {value:.6g}")
+        gradient, rounding = policy.gradient_norm(sums[1]), settings.rounding * abs(value)
+        idle = 0 if gradient <= 0.5 * least or value - reached >= settings.patience * rounding else idle + 1
+        if gradient <= settings.tol * sums[2] or idle == settings.patience:
             break
+        if not idle:
+            least, reached = min(least, gradient), value
         before = curvature
         candidate, curvature = policy.m_step(sums[1], radius, hessian, before)
         new_value, new_sums = objective(candidate)
-        while not new_value >= value - settings.rounding * abs(value):
+        while not new_value >= value - rounding:
             radius = min(settings.radius, radius / 8)
             if radius < settings.min_radius:
                 return policy
@@ -196,13 +198,3 @@ def ascend(
         policy, value, sums = candidate, new_value, new_sums
         radius = 2.0 * radius if radius < settings.radius else np.inf
     return policy
-
-
-def _is_stuck(history: Array, settings: AscentSettings) -> bool:
-    """Whether the gradient no longer shrinks and the objective no longer grows."""
-    n = settings.patience
-    if len(history) <= n:
-        return False
-    values, gradients = history.T
-    shrinks = gradients[-n:].min() <= 0.5 * gradients[:-n].min()
-    return not shrinks and bool(values[-1] - values[-n] < n * settings.rounding * abs(values[-1]))
