@@ -9,7 +9,15 @@ import pytest
 from problems import refused_file
 from rpil.data.archive import read_archive
 from rpil.data.errors import DataError
-from rpil.data.files import check_exists, check_readable, check_writable, new_folder, replacing
+from rpil.data.files import (
+    check_exists,
+    check_extension,
+    check_outputs,
+    check_readable,
+    check_writable,
+    new_folder,
+    replacing,
+)
 
 
 def half_write(path, crash):
@@ -94,7 +102,7 @@ def test_a_new_folder_is_whole_or_not_there(tmp_path):
 
 
 def test_names_may_have_as_many_bytes_as_file_systems_take(tmp_path):
-    for name in ("a" * 246 + ".parquet", "é" * 118 + ".parquet"):
+    for name in ("a" * 247 + ".parquet", "é" * 118 + ".parquet"):
         with replacing(tmp_path / name) as temporary:
             assert temporary.suffix == ".parquet"
             temporary.write_text("new")
@@ -132,3 +140,24 @@ def test_a_pipe_is_no_input(tmp_path, check):
     finally:
         signal.alarm(0)
         signal.signal(signal.SIGALRM, before)
+
+
+def test_an_output_is_named_once_and_joins_no_input(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").mkdir()
+    (tmp_path / "d.csv").write_text("x")
+    check_outputs(["data", "d.csv", None], ["data/page.html", "e.csv", None], [".csv"])
+    for inputs, outputs, match in (
+        (["data"], ["data/e.csv"], "it would join the data in .*data; write it to another folder"),
+        (["*.csv"], ["e.csv"], "it would join the data in"),
+        ([], ["e.csv", "./e.csv"], "it is named twice"),
+        (["d.csv"], ["d.csv"], "it is named twice"),
+    ):
+        with pytest.raises(DataError, match=match):
+            check_outputs(inputs, outputs, [".csv"])
+
+
+def test_an_unknown_extension_is_named_with_those_that_fit():
+    assert check_extension("A.CSV", [".csv"]).name == "A.CSV"
+    with pytest.raises(DataError, match=r"a\.txt: unknown extension '\.txt' for labels; use one of \.csv, \.json"):
+        check_extension("a.txt", [".csv", ".json"], "labels")
