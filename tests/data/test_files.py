@@ -129,7 +129,7 @@ def test_guesses_at_a_missing_path_are_not_wild(tmp_path, name, there, guess):
     assert ("check the path" in str(caught.value)) if guess is None else f"{guess}'" in str(caught.value)
 
 
-@pytest.mark.parametrize("check", [check_exists, check_readable, lambda path: read_archive(path, "policy", "other")])
+@pytest.mark.parametrize("check", [check_exists, check_readable, read_archive])
 def test_a_pipe_is_no_input(tmp_path, check):
     os.mkfifo(tmp_path / "pipe.rpil")
     before = signal.signal(signal.SIGALRM, lambda *_: pytest.fail("the pipe is waited for"))

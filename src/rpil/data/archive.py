@@ -12,13 +12,12 @@ import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, check_exists, replacing
+from rpil.data.files import StrPath, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, parse
 from rpil.data.npy import ARRAY, read_arrays, write_arrays
@@ -27,7 +26,7 @@ from rpil.numerics.types import Array
 VERSION = 13
 """Version of the format; a file of another version is refused."""
 
-_HEADER = "header.json"
+_HEADER, _SCHEMA, _REMEDY = "header.json", "rpil fitted estimator", "fit and save it again"
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 Header = dict[str, Any]
@@ -69,6 +68,7 @@ def rpil_version() -> str:
 
 def write_archive(path: StrPath, header: Mapping[str, object], arrays: Mapping[str, Array]) -> None:
     """Write a header and arrays to a file, which is whole or not there."""
+    header = {"schema": _SCHEMA, "version": VERSION, "rpil": rpil_version()} | dict(header)
     with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         with archive.open(_HEADER, "w") as member:
             member.write(json.dumps(header, indent=1).encode())
@@ -154,36 +154,34 @@ class Decoder:
         return kind(**values)
 
 
-def read_archive(
-    path: Path, schema: str, otherwise: str, remedy: str = "fit and save it again"
-) -> tuple[Header, dict[str, Array]]:
+def read_archive(path: StrPath) -> tuple[Header, dict[str, Array]]:
     """The header and all arrays of an archive.
 
-    A `DataError` where the file is damaged, of another version, compressed, too large for the memory, or, saying
-    `otherwise`, of another `schema`; the `remedy` is to write it again. Who decodes the header refuses arrays that it
-    does not name.
+    A `DataError` where the file is none, damaged, of another version, compressed, or too large for the memory. Who
+    decodes the header refuses arrays that it does not name.
     """
-    foreign = f"{path}: {otherwise}."
-    with check_exists(path).open("rb") as file:
-        if file.read(2) != b"PK" and not zipfile.is_zipfile(file):
+    path = check_readable(path)
+    foreign = f"{path}: it is no policy that rpil saved; make one with rpil fit, or rpil.save."
+    with path.open("rb") as file:
+        if file.read(2) != b"PK":
             raise DataError(foreign)
-    with guarded(path, "it is damaged or truncated", remedy), zipfile.ZipFile(path) as archive:
+    with guarded(path, "it is damaged or truncated", _REMEDY), zipfile.ZipFile(path) as archive:
         members, header = archive.namelist(), None
         if _HEADER in members:
             if sum(info.file_size for info in archive.infolist()) > path.stat().st_size:  # what rpil saves is as it is
-                raise DataError(f"{path}: its parts hold more than the file, as rpil saves none; {remedy}.")
+                raise DataError(f"{path}: its parts hold more than the file, as rpil saves none; {_REMEDY}.")
             with archive.open(_HEADER) as file:
                 header = parse(file.read(LARGEST_TABLE + 1), f"{path}, {_HEADER}", LARGEST_TABLE)
-        if not isinstance(header, dict) or header.get("schema") != schema:
+        if not isinstance(header, dict) or header.get("schema") != _SCHEMA:
             raise DataError(foreign)
         if header.get("version") != VERSION:
             who, saved = (str(header.get(name))[:20] for name in ("rpil", "version"))
             made = f"rpil {who} saved it in version {saved} of the format"
             here = f"rpil {rpil_version()} reads version {VERSION}"
-            raise DataError(f"{path}: {made}, but {here}; use that rpil, or {remedy}.")
+            raise DataError(f"{path}: {made}, but {here}; use that rpil, or {_REMEDY}.")
         members.remove(_HEADER)
         names = [member.removesuffix(ARRAY) for member in members]
         arrays = dict(zip(names, read_arrays(archive, members, str(path)), strict=True))
         if len(arrays) < len(members):
-            raise DataError(f"{path}: its parts do not belong together; {remedy}.")
+            raise DataError(f"{path}: its parts do not belong together; {_REMEDY}.")
     return header, arrays

@@ -11,16 +11,14 @@ from typing import Any
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
-from rpil.data.archive import VERSION, Decoder, encode, read_archive, rpil_version, write_archive
+from rpil.data.archive import Decoder, encode, read_archive, write_archive
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, check_readable
+from rpil.data.files import StrPath
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.mixture.adversaries import named  # noqa: F401  a file may hold each of them
 from rpil.numerics.types import Array
-
-ESTIMATOR_SCHEMA = "rpil fitted estimator"
 
 SavedEstimator = RPIL | RMEnt | BehavioralCloning
 ESTIMATORS: dict[str, type[SavedEstimator]] = {"RPIL": RPIL, "RMEnt": RMEnt, "BehavioralCloning": BehavioralCloning}
@@ -67,9 +65,6 @@ def save(estimator: SavedEstimator, path: StrPath) -> None:
             "(rpil audit --weights, or audit_.step_weight) and fit to them again."
         ) from None
     header = {
-        "schema": ESTIMATOR_SCHEMA,
-        "version": VERSION,
-        "rpil": rpil_version(),
         "class": kind,
         "names": {name: [*map(str, getattr(estimator, name))] for name in _NAMES if len(getattr(estimator, name, ()))},
         "params": _params(estimator, arrays),
@@ -87,15 +82,7 @@ def load(path: StrPath) -> SavedEstimator:
     DataError
         One sentence: no such file, no saved estimator, another version of the format, or a damaged file.
     """
-    path = check_readable(path)
-    header, arrays = read_archive(
-        path, ESTIMATOR_SCHEMA, "it is no policy that rpil saved; make one with rpil fit, or rpil.save"
-    )
-    if str(header.get("class")) not in ESTIMATORS:
-        raise DataError(
-            f"{path}: it holds a {str(header.get('class'))[:40]!r}, which rpil {rpil_version()} does not know; "
-            f"use rpil {str(header.get('rpil'))[:20]}, or fit and save again."
-        )
+    header, arrays = read_archive(path)
     try:
         estimator = _restore(header, Decoder(arrays))
         with np.errstate(all="ignore"):
