@@ -141,9 +141,8 @@ def write_answers(
     """
     old = before or b"id,label\n"
     encoding, known = "utf-8-sig" if old.startswith(BOM_UTF8) else "utf-8", {*map(str, ids)}
-    rows = _csv_rows(old.decode(encoding))
-    names = [*(rows.fieldnames or ())]
-    id_column, replaced = _id_column(names) or "", {row.id for row in answers if not _compared(row.label)}
+    rows, names, id_column = _csv_rows(old.decode(encoding))
+    replaced = {row.id for row in answers if not _compared(row.label)}
     kept = [row for row in rows if _compared(row["label"]) or _id_in(row[id_column], known) not in replaced]
     for answer in answers:
         kept.append({name: str(to_cell(value)) for name, value in {**answer._asdict(), id_column: answer.id}.items()})
@@ -251,24 +250,20 @@ def read_id_pairs(
     return pairs
 
 
-def _id_column(header: Sequence[str]) -> str | None:
-    return next((name for name in ("id", *EPISODE) if name in header), None)
-
-
-def _csv_rows(text: str) -> csv.DictReader[str]:
-    """The rows of a CSV file, whose cells may hold ends of lines."""
+def _csv_rows(text: str) -> tuple[csv.DictReader[str], list[str], str]:
+    """The rows of a CSV file, whose cells may hold ends of lines, the names of its columns, and that of the ids."""
     header = text.partition("\n")[0]
     comma = ";" if ";" in header and "," not in header else ","  # Excel writes the first where numbers have commas
-    return csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True, strict=True, delimiter=comma)
+    rows = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True, strict=True, delimiter=comma)
+    names = [*(rows.fieldnames or ())]
+    return rows, names, next((name for name in ("id", *EPISODE) if name in names), "")
 
 
 def _csv_pairs(text: str, columns: Sequence[str], source: str, ids: Collection[str]) -> list[IdRow]:
     column, *more = columns
-    rows = _csv_rows(text)
-    header = rows.fieldnames or ()
-    id_column = _id_column(header)
-    if id_column is None or column not in header:
-        raise DataError(f"{source}: the columns must be id and {column} (found {quoted(header)}).")
+    rows, names, id_column = _csv_rows(text)
+    if not id_column or column not in names:
+        raise DataError(f"{source}: the columns must be id and {column} (found {quoted(names)}).")
     pairs: list[IdRow] = []
     for row in rows:
         m = _id_in(row[id_column], ids)

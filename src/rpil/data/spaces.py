@@ -165,7 +165,15 @@ def action_space(data: DemonstrationSet, box: Bounds | None = None) -> tuple[Spa
     if (ends[0] == ends[1]).all():
         raise DataError(f"{source}: every action is the same; give demonstrations with two at least.")
     check_squares(ends, f"{source}: action")
-    space = Box.around(ends) if box is None else _declared_box(box, ends.shape[1], source)
+    space = Box.around(ends)
+    if box is not None:
+        try:
+            low, high = (np.broadcast_to(np.asarray(bound, dtype=float), space.n_parts) for bound in box)
+        except (TypeError, ValueError):
+            raise DataError(f"{source}: action_box={box!r}; give (low, high), numbers or one for each part.") from None
+        if not (low < high).all() or not np.isfinite([low, high]).all():
+            raise DataError(f"{source}: action_box={box!r} is empty or unbounded; give finite low < high.")
+        space = Box(low, high)
     outside = np.argwhere((ends < space.low) | (ends > space.high))
     if len(outside):
         end, part = outside[0]
@@ -177,16 +185,6 @@ def action_space(data: DemonstrationSet, box: Bounds | None = None) -> tuple[Spa
             f"{space.high[part]:g}; widen action_box, or clip the actions."
         )
     return space, np.empty(0)
-
-
-def _declared_box(box: Bounds, n_parts: int, source: str) -> Box:
-    try:
-        low, high = (np.broadcast_to(np.asarray(bound, dtype=float), n_parts) for bound in box)
-    except (TypeError, ValueError):
-        raise DataError(f"{source}: action_box={box!r}; give (low, high), numbers or one for each part.") from None
-    if not (low < high).all() or not np.isfinite([low, high]).all():
-        raise DataError(f"{source}: action_box={box!r} is empty or unbounded; give finite low < high.")
-    return Box(low, high)
 
 
 def encode_actions(classes: Array, actions: Array, source: str) -> Array:

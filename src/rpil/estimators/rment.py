@@ -17,7 +17,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
-from operator import index
 from typing import Literal
 
 import numpy as np
@@ -242,13 +241,9 @@ class RMEnt(PolicyEstimator):
         given = self.n_trusted
         if isinstance(given, float | np.floating) and 0 < given < 1:
             return ceil(round(given * n_demonstrations, 9))  # .28 of 25 is 7, whatever floating point says
-        try:
-            number = index(given)  # type: ignore[arg-type]
-        except TypeError:
-            number = 0
-        if not 1 <= number <= n_demonstrations:
+        if not isinstance(given, int | np.integer) or not 1 <= given <= n_demonstrations:
             raise DataError(
                 f"{source}: n_trusted={given!r} of {n_demonstrations} demonstrations; give a whole number from 1 to "
                 f"{n_demonstrations}, or a share between 0 and 1."
             )
-        return number
+        return int(given)
