@@ -59,10 +59,7 @@ def checked_rows(estimator: BaseEstimator, X: ArrayLike) -> Array:
 
 
 def as_demonstrations(
-    estimator: BaseEstimator,
-    X: ArrayLike | Given,
-    y: ArrayLike | None,
-    groups: ArrayLike | None = None,
+    estimator: BaseEstimator, X: ArrayLike | Given, y: ArrayLike | None, groups: ArrayLike | None = None
 ) -> Demonstrations:
     """`Demonstrations` from observations (N, D), actions and groups (N,), a data frame or a list of trajectories.
 

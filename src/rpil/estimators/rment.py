@@ -102,12 +102,7 @@ def starts(n_demonstrations: int, n_trusted: int, n_starts: int, rng: np.random.
 
 
 def search(
-    data: FitData,
-    policy: Policy,
-    n_trusted: int,
-    subsets: Sequence[Array],
-    tol: float,
-    max_iter: int,
+    data: FitData, policy: Policy, n_trusted: int, subsets: Sequence[Array], tol: float, max_iter: int
 ) -> Selection:
     """The best selection from starts with policies fitted to the `subsets` (M,)."""
 
