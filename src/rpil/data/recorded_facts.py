@@ -78,11 +78,11 @@ def given_outcome(
     others of `every` one; those left out are unknown. A `DataError` as `check_outcome`, and where an id is unknown or
     twice in the file, a value no number, or their count another one."""
     if isinstance(given, str):
-        source, pairs = Path(given).name, [row[:2] for row in read_id_pairs(given, "value", "1", every or ids)]
+        source, rows = Path(given).name, read_id_pairs(given, "value", "1", every or ids)
         words = {"true": 1.0, "false": 0.0, "": np.nan}
-        found = cast(dict[str, float], {m: words.get(str(value).lower(), value) for m, value in pairs})
-        if len(found) < len(pairs):
-            [(twice, _)] = Counter(m for m, _ in pairs).most_common(1)
+        found = cast(dict[str, float], {m: words.get(str(value).lower(), value) for m, value, *_ in rows})
+        if len(found) < len(rows):
+            [(twice, _)] = Counter(m for m, *_ in rows).most_common(1)
             raise DataError(f"{source}, demonstration {twice!r}: it has two outcomes; keep one.")
         return given_outcome(found, ids, source, every)
     if isinstance(given, Mapping):
