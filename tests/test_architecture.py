@@ -173,7 +173,6 @@ WITHOUT_TESTS = {
     "mixture/adversaries/protocol.py": "a protocol; every adversary is tested",
     "policies/protocol.py": "a protocol; every policy is tested",
     "scale/protocol.py": "a protocol; every engine is tested",
-    "scale/ascent.py": "tests/estimators/test_passes.py",
     "policies/linear.py": "a table of two lines",
     "results/judged.py": "tests/results/test_columns.py",
     "estimators/task.py": "what RPIL, RMEnt and reweight read; each of them is tested",

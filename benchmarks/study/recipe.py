@@ -11,8 +11,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.estimators.cloning import PolicyEstimator
-from rpil.estimators.validation import as_demonstrations
+from rpil.estimators.cloning import PolicyEstimator, as_demonstrations
 from rpil.mixture.adversaries.discrete import Complement
 from rpil.mixture.em import State, run_em
 from rpil.mixture.expert_prior import as_prior

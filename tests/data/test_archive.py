@@ -67,8 +67,8 @@ def test_load_refuses_truncated_and_damaged_files(saved):
         ("version", 1, r"version 1 of the format, but rpil .* reads version 14; use"),
         ("version", None, "version None"),
         ("version", [[["x"] * 9]] * 99, r"version \S\S\S'x'.{,15} of the format, but"),
-        ("class", "GaussianPolicy", "holds a 'GaussianPolicy', which rpil .* does not know"),
-        ("class", {"RPIL": "RPIL" * 10_000}, "does not know"),
+        ("class", "GaussianPolicy", LOST),
+        ("class", {"RPIL": "RPIL" * 10_000}, LOST),
     ],
 )
 def test_load_refuses_unknown_schemas_versions_and_classes(saved, field, value, match):

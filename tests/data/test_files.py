@@ -9,7 +9,15 @@ import pytest
 from problems import refused_file
 from rpil.data.archive import read_archive
 from rpil.data.errors import DataError
-from rpil.data.files import check_exists, check_readable, check_writable, new_folder, replacing
+from rpil.data.files import (
+    check_exists,
+    check_extension,
+    check_outputs,
+    check_readable,
+    check_writable,
+    new_folder,
+    replacing,
+)
 
 
 def half_write(path, crash):
@@ -53,21 +61,6 @@ def test_a_replaced_file_keeps_its_permissions_and_a_link_stays_a_link(tmp_path)
 
 
 @pytest.mark.parametrize("writer", [replacing, new_folder])
-def test_data_are_on_the_disk_before_they_have_their_name(tmp_path, monkeypatch, writer):
-    done = []
-    sync = os.fsync
-    monkeypatch.setattr(os, "fsync", lambda opened: (done.append(os.fstat(opened).st_ino), sync(opened)))
-    with writer(tmp_path / "out") as temporary:
-        file = temporary / "in" / "file" if writer is new_folder else temporary
-        file.parent.mkdir(exist_ok=True)
-        file.write_text("whole")
-        number = file.stat().st_ino
-        assert not done
-        assert not (tmp_path / "out").exists()
-    assert done == [number]
-
-
-@pytest.mark.parametrize("writer", [replacing, new_folder])
 def test_a_killed_process_leaves_nothing_of_that_name(tmp_path, writer):
     script = "import os, sys; from rpil.data import files\n"
     script += f"with files.{writer.__name__}(sys.argv[1]) as path:\n"
@@ -108,19 +101,14 @@ def test_a_new_folder_is_whole_or_not_there(tmp_path):
         pass
 
 
-@pytest.mark.parametrize("name", ["a" * 246 + ".parquet", "é" * 118 + ".parquet", "b" * 254])
-def test_the_longest_names_that_a_file_may_have_can_be_written(tmp_path, name):
-    with replacing(tmp_path / name) as temporary:
-        assert temporary.name.endswith((tmp_path / name).suffix)
-        temporary.write_text("new")
-    assert [file.name for file in tmp_path.iterdir()] == [name]
-
-
-def test_a_name_that_is_too_long_is_named_itself(tmp_path):
-    name = "a" * 300 + ".csv"
-    with pytest.raises(DataError, match="its name is longer than 255 bytes"), replacing(tmp_path / name) as temporary:
-        temporary.write_text("new")
-    assert not [*tmp_path.iterdir()]
+def test_names_may_have_as_many_bytes_as_file_systems_take(tmp_path):
+    for name in ("a" * 247 + ".parquet", "é" * 118 + ".parquet"):
+        with replacing(tmp_path / name) as temporary:
+            assert temporary.suffix == ".parquet"
+            temporary.write_text("new")
+    with pytest.raises(DataError, match="its name is longer than 255 bytes"), replacing(tmp_path / ("a" * 256)):
+        pass
+    assert len([*tmp_path.iterdir()]) == 2
 
 
 @pytest.mark.parametrize(
@@ -141,7 +129,7 @@ def test_guesses_at_a_missing_path_are_not_wild(tmp_path, name, there, guess):
     assert ("check the path" in str(caught.value)) if guess is None else f"{guess}'" in str(caught.value)
 
 
-@pytest.mark.parametrize("check", [check_exists, check_readable, lambda path: read_archive(path, "policy", "other")])
+@pytest.mark.parametrize("check", [check_exists, check_readable, read_archive])
 def test_a_pipe_is_no_input(tmp_path, check):
     os.mkfifo(tmp_path / "pipe.rpil")
     before = signal.signal(signal.SIGALRM, lambda *_: pytest.fail("the pipe is waited for"))
@@ -152,3 +140,24 @@ def test_a_pipe_is_no_input(tmp_path, check):
     finally:
         signal.alarm(0)
         signal.signal(signal.SIGALRM, before)
+
+
+def test_an_output_is_named_once_and_joins_no_input(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").mkdir()
+    (tmp_path / "d.csv").write_text("x")
+    check_outputs(["data", "d.csv", None], ["data/page.html", "e.csv", None], [".csv"])
+    for inputs, outputs, match in (
+        (["data"], ["data/e.csv"], "it would join the data in .*data; write it to another folder"),
+        (["*.csv"], ["e.csv"], "it would join the data in"),
+        ([], ["e.csv", "./e.csv"], "it is named twice"),
+        (["d.csv"], ["d.csv"], "it is named twice"),
+    ):
+        with pytest.raises(DataError, match=match):
+            check_outputs(inputs, outputs, [".csv"])
+
+
+def test_an_unknown_extension_is_named_with_those_that_fit():
+    assert check_extension("A.CSV", [".csv"]).name == "A.CSV"
+    with pytest.raises(DataError, match=r"a\.txt: unknown extension '\.txt' for labels; use one of \.csv, \.json"):
+        check_extension("a.txt", [".csv", ".json"], "labels")

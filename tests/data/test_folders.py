@@ -111,7 +111,7 @@ def test_a_folder_that_may_not_be_listed_hides_no_link(folder, secret, monkeypat
 
     def refuse(path):
         if str(path).endswith("b"):
-            raise PermissionError
+            raise PermissionError(13, "no", str(path))
         return scandir(path)
 
     monkeypatch.setattr(os, "scandir", refuse)

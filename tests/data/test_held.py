@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import pytest
 
+from rpil.data import held as held_files
 from rpil.data.held import held, held_bytes, holding
 
 
@@ -41,10 +42,12 @@ def test_a_file_is_opened_once_and_closed_at_the_end(log):
     assert log == ["open a", "open a", "close a", "close a"]
 
 
-def test_outside_of_it_a_file_is_closed_at_once(log):
-    use(log, "a")
-    use(log, "a")
-    assert log == ["open a", "close a"] * 2
+def test_no_more_files_than_a_process_may_have_stay_open(log, monkeypatch):
+    monkeypatch.setattr(held_files, "MOST_OPEN", 1)
+    with holding():
+        for name in "aba":
+            use(log, name)
+        assert log == ["open a", "open b", "close b"]
 
 
 def test_an_error_closes_the_files(log):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import json
-import struct
 import zipfile
 import zlib
 
@@ -25,7 +24,7 @@ h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
 numcodecs = pytest.importorskip("numcodecs", reason="needs the extra zarr")
 pytestmark = pytest.mark.slow
 
-READ, OPEN, LOAD = "rpil:read", "hostile:read_on_disk", "rpil:load"
+READ, OPEN = "rpil:read", "hostile:read_on_disk"
 GIANT = 15 * 10**8
 
 
@@ -147,36 +146,11 @@ def huge_mask(file):
     file.create_dataset("mask/huge", (3 * 10**8,), "S8")
 
 
-def policy(**members):
-    def make(path):
-        with zipfile.ZipFile(path, "w") as archive:
-            for name, (compression, pieces) in members.items():
-                info = zipfile.ZipInfo(name.replace("_", "."))
-                info.compress_type, info._compresslevel = compression, 1
-                with archive.open(info, "w", force_zip64=True) as member:
-                    for piece in pieces():
-                        member.write(piece)
-
-    return make
-
-
 def lists(n):
     yield b'{"schema": "rpil fitted estimator", "x": ['
     for _ in range(n // 10**6 - 1):
         yield b"[]," * 10**6
     yield b"[]]}"
-
-
-def array_of_zeros():
-    shape = (2 * 10**7,)
-    head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}}}".ljust(117) + "\n"
-    yield b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head.encode()
-    for _ in range(16):
-        yield bytes(10**7)
-
-
-def header_of_array():
-    yield b'{"schema": "rpil fitted estimator", "version": 6, "x": {"array": "x"}}'
 
 
 def labels(path):
@@ -233,11 +207,6 @@ FILES = {
     "verdicts.parquet": (lambda path: write_letters(path, 12 * 10**7), "rpil.results.choice:read_verdicts"),
     "zeros-hidden.parquet": (lambda path: write_zeros(path, 15 * 10**6, says=2), READ),
     "zeros-hidden-on-disk.parquet": (same_as("zeros-hidden.parquet"), OPEN),
-    "lists.rpil": (policy(header_json=(zipfile.ZIP_DEFLATED, lambda: lists(40 * 10**6))), LOAD),
-    "zeros.rpil": (
-        policy(header_json=(zipfile.ZIP_STORED, header_of_array), x_npy=(zipfile.ZIP_DEFLATED, array_of_zeros)),
-        LOAD,
-    ),
     "lists.json": (labels, "rpil.formats:read_labels"),
 }
 

@@ -10,13 +10,7 @@ import pytest
 from problems import refused, refused_file
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.data.id_values import (
-    AnswerRow,
-    match_pairs,
-    parse_labels,
-    read_answers,
-    write_answers,
-)
+from rpil.data.id_values import AnswerRow, match_pairs, parse_labels, read_answers, write_answers
 
 
 def as_rows(pairs):

@@ -24,6 +24,7 @@ def of_steps(values, column):
         ([1, NAN, 3, 4, 5, 6, 7, 8, 9], "rewards", [NAN, 9, 30]),
         ([0, 0, 1, 0, 0, 1, 1, 1, 0], "next.success", [1, 0, 0]),
         ([0, 0, 1, NAN, NAN, 1, 0, 1, NAN], "success", [1, NAN, 1]),
+        ([1, NAN, NAN, 0, 1, 0, 0, 1, 0], "success", [1, 1, 0]),
         ([7, 7, 7, -2, -2, 5, NAN, 5, 5], "episode_return", [7, -2, 5]),
         ([7, 7, 7, NAN, NAN, 5, 5, 5, 5], "score", [7, NAN, 5]),
     ],
@@ -50,7 +51,12 @@ def test_an_outcome_that_tells_nothing_is_refused(given, words):
         check_outcome(np.array(given), "the outcome 'success'", "a.csv")
 
 
-def test_outcomes_by_id_leave_others_unknown():
+def test_outcomes_by_id_leave_others_unknown(tmp_path):
+    (tmp_path / "out.csv").write_text("id,value\na,1\nb,\nc,True\nd,0.5\n")
+    np.testing.assert_array_equal(given_outcome(str(tmp_path / "out.csv"), "abd", "x", "abcd"), [1, NAN, 0.5])
+    (tmp_path / "out.csv").write_text("id,value\na,1\nb,0\nb,1\n")
+    with refused(r"out\.csv, demonstration 'b': it has two outcomes"):
+        given_outcome(str(tmp_path / "out.csv"), "ab", "x")
     np.testing.assert_array_equal(given_outcome({7: 1, "8": 0.5}, [8, 7, 9], "a"), [0.5, 1, NAN])
     np.testing.assert_array_equal(given_outcome([1, 2, 3], "abc", "a"), [1, 2, 3])
 

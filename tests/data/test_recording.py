@@ -76,13 +76,6 @@ def test_values_of_metadata_that_cannot_be_used_are_named_and_the_others_are_use
     assert any("meta" in note and name in note for note in said.notes)
 
 
-def test_tasks_that_cannot_be_read_are_named(folder):
-    (folder / "meta" / "tasks.parquet").write_bytes(b"PAR1")
-    said = read_recording(folder).description
-    assert (said.fps, said.tasks) == (20.0, ("0",))
-    assert any("meta" in note and "tasks" in note for note in said.notes)
-
-
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
 def test_rows_are_sorted_by_their_column_and_weights_find_them(tmp_path, suffix):
     table = TABLE.drop_columns(["observation.image", "observation.state"]).append_column(
@@ -101,14 +94,6 @@ def test_rows_are_sorted_by_their_column_and_weights_find_them(tmp_path, suffix)
     x_of_index = dict(zip(weights["index"].to_pylist(), d.observations[:, 0].tolist(), strict=True))
     assert x_of_index == dict(zip(range(N), STATE[:, 0].tolist(), strict=True))
     assert weights["frame_index"].to_pylist() == weights["step_index"].to_pylist()
-
-
-def test_on_disk_weights_have_the_numbers_of_the_file(folder, tmp_path):
-    recording = read_recording(folder, on_disk=True)
-    each = np.zeros(M)
-    offsets = recording.demonstrations.offsets
-    write_weights(tmp_path / "w.csv", range(M), offsets, np.zeros(N), each, each, recording.step_columns)
-    assert pa.csv.read_csv(tmp_path / "w.csv")["index"].to_pylist() == list(range(N))
 
 
 def test_a_file_that_numbers_steps_from_1_is_joined_by_its_own_numbers(tmp_path):

@@ -1,12 +1,14 @@
-"""Spaces of actions: what a model and the simulator ask of them."""
+"""Spaces of actions: what a model and the simulator ask of them; and codes of actions and labels."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.spaces import Box, Discrete
+from rpil.data.id_values import label_codes
+from rpil.data.spaces import Box, Discrete, action_space, encode_actions
 
 
 def test_the_most_likely_of_k_actions():
@@ -84,3 +86,51 @@ def test_flip_and_shift_stay_in_the_box_and_undo_themselves():
 def test_no_uniform_draw_without_bounds():
     with pytest.raises(DataError, match=r"from continuous actions \(-1 to inf\): give .* two finite bounds\.$"):
         Box(np.float32([-1]), np.float32([np.inf])).draw(3, np.random.default_rng(0))
+
+
+X, OFFSETS = np.zeros((4, 1)), [0, 1, 4]
+WORDS = Demonstrations.from_arrays(X, np.array(["up", "down", "up", "left"]), OFFSETS, ids=["a", "b"])
+MOVES = Demonstrations.from_arrays(X, np.array([[0.0], [2.0], [1.0], [-1.0]]), OFFSETS, ids=["a", "b"])
+
+
+def test_continuous_actions_have_a_box():
+    space, classes = action_space(MOVES)
+    assert (space.low.tolist(), space.high.tolist(), len(classes)) == ([-1], [2], 0)
+    np.testing.assert_array_equal(encode_actions(classes, MOVES.actions, "a.csv"), MOVES.actions)
+    assert action_space(MOVES, (-5, 5))[0].high.tolist() == [5]
+    with pytest.raises(DataError, match="demonstration 'b': action 0 is 2, outside the declared box from -1 to 1"):
+        action_space(MOVES, (-1, 1))
+
+
+def test_actions_too_small_to_be_squared_are_refused():
+    """One part alone is enough, and an offset does not help; a part that never changes is no such one."""
+    still = np.zeros((4, 1))
+    for size in (1e-300, 1e-155):
+        actions = np.concatenate([still, MOVES.actions * size], axis=1)
+        with pytest.raises(DataError, match=r"action 1 varies by less than 1e-150.*use smaller units"):
+            action_space(Demonstrations.from_arrays(X, actions, OFFSETS, ids=["a", "b"]))
+    small = Demonstrations.from_arrays(X, MOVES.actions * 1e-100, OFFSETS, ids=["a", "b"])
+    assert action_space(small)[0].high.tolist() == [2e-100]
+
+
+@pytest.mark.parametrize("classes", [[0, 1, 2], [2, 5, 7]])
+def test_codes_are_places_among_the_classes(classes):
+    classes = np.array(classes)
+    np.testing.assert_array_equal(encode_actions(classes, classes[[2, 0, 1]], "a.csv"), [2, 0, 1])
+    for unknown in (-1, 9):
+        with pytest.raises(DataError, match=rf"a\.csv: action {unknown} is not among the fitted ones"):
+            encode_actions(classes, np.array([classes[0], unknown]), "a.csv")
+
+
+def test_actions_of_one_class_are_refused():
+    with pytest.raises(DataError, match="one class only"):
+        action_space(Demonstrations.from_arrays(X, np.zeros(4, dtype=int), OFFSETS))
+
+
+def test_labels_are_signs():
+    assert label_codes({"b": "expert"}, WORDS.ids).tolist() == [0, 1]
+    assert label_codes({"a": "adversary"}, WORDS.ids).tolist() == [-1, 0]
+    assert label_codes({}, WORDS.ids).tolist() == [0, 0]
+    assert label_codes({"a": "adversary", "b": "adversary"}, WORDS.ids).tolist() == [-1, -1]
+    with pytest.raises(DataError, match="unknown label 'great'"):
+        label_codes({"a": "great"}, WORDS.ids)

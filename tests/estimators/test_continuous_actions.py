@@ -46,9 +46,8 @@ def test_one_outlying_step_does_not_decide_a_verdict():
     assert toy.is_judged_right(model.audit_)
 
 
-@pytest.mark.parametrize(("kind", "n_parts", "seed"), [("random", 2, 1), ("noisy", 1, 0)])
-def test_adversaries_are_found_and_the_experts_policy_is_learned(kind, n_parts, seed):
-    toy = make_continuous(kind, seed, n_parts=n_parts, **MANY)
+def test_adversaries_are_found_and_the_experts_policy_is_learned():
+    toy = make_continuous("random", 1, n_parts=2, **MANY)
     model = RPIL().fit(toy.demonstrations)
     assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
     assert toy.is_judged_right(model.audit_)
@@ -58,7 +57,7 @@ def test_adversaries_are_found_and_the_experts_policy_is_learned(kind, n_parts, 
     naive = BehavioralCloning().fit(toy.demonstrations)
     ours, theirs = (np.abs(m.predict(toy.observations) - truth).mean() for m in (model, naive))
     assert ours < 0.05
-    assert ours < theirs or kind != "random"  # heavy tails alone forgive half of the steps
+    assert ours < theirs
 
 
 def test_auto_features_fit_a_nonlinear_expert():

@@ -6,6 +6,7 @@ import numpy as np
 
 from problems import curved, told
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.policies.features import FeatureSettings
@@ -16,9 +17,8 @@ from rpil.policies.settings import SelectionSettings
 def test_cloning_takes_what_is_chosen():
     observations, codes, offsets = told(curved)
     data = Demonstrations.from_arrays(observations, codes, offsets)
-    chosen = choose_features(
-        observations, codes, offsets, np.ones(len(codes)), Discrete(2), settings=SelectionSettings()
-    )
+    steps = FitData(observations, codes, offsets, Discrete(2))
+    chosen = choose_features(steps, np.ones(len(codes)), None, SelectionSettings())
     model = BehavioralCloning("auto").fit(data)
     assert (model.features_.kind, model.features_.ridge_per_step) == (chosen.kind, chosen.ridge)
     fixed = BehavioralCloning("nystroem").fit(data)

@@ -3,7 +3,7 @@ import pytest
 from sklearn.linear_model import LogisticRegression
 
 from archives import mountain_car, npy, refused, rewrite
-from rpil import RPIL, BehavioralCloning, Confusion, RMEnt, Settings, load, save
+from rpil import RPIL, BehavioralCloning, Confusion, RMEnt, load, save
 from rpil.data.errors import DataError
 from rpil.mixture.adversaries.discrete import Uniform
 from small import mixture as mixture_settings
@@ -22,10 +22,8 @@ def data():
     "estimator",
     [
         RPIL(labels={"é0": "good", "é7": "bad"}, random_state=5),
-        RPIL(features="nystroem", settings=Settings(judge_features="raw")),
         RPIL("folded", adversary="marginal", settings=mixture_settings(prior=0.5, m_step="expert_only")),
         RPIL(adversary=Confusion.given(np.full((3, 3), 1 / 3)), progress=print),
-        RMEnt(n_trusted=5, n_starts=2),
         BehavioralCloning(features="folded", C=3.0),
     ],
 )
@@ -67,14 +65,12 @@ def test_a_loaded_rpil_has_the_state_of_its_mixture_and_no_audit(data, tmp_path)
 
 
 def test_loaded_rment_has_the_same_weights(data, tmp_path):
-    model = RMEnt(4).fit(data)
+    model = RMEnt(4, n_starts=2).fit(data)
     path = tmp_path / "p"
     save(model, path)
     loaded = load(path)
-    for name in ("weights_", "log_likelihood_"):
+    for name in ("weights_", "log_likelihood_", "ids_", "objective_", "n_iter_", "converged_"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(model, name))
-    for name in ("ids_", "objective_", "n_iter_", "converged_"):
-        assert getattr(loaded, name) == getattr(model, name)
     rewrite(path, {"weights.npy": npy(np.ones(7))})
     refused(path, "do not belong together")
     save(model, path)
@@ -98,7 +94,7 @@ def test_classes_of_every_type_are_saved(actions, tmp_path):
 
 def test_save_refuses_an_adversary_of_the_users_class(data, tmp_path):
     model = RPIL(adversary=MyAdversary()).fit(data)
-    with pytest.raises(DataError, match="an adversary of the class MyAdversary cannot be saved without pickle; keep"):
+    with pytest.raises(DataError, match="a MyAdversary cannot be saved without pickle; leave it out, or keep"):
         save(model, tmp_path / "p")
     assert not list(tmp_path.iterdir())
 
@@ -109,7 +105,7 @@ def test_save_refuses_a_policy_that_is_an_estimator_of_others(data, tmp_path):
 
     model = RPIL(policy=DecisionTreeClassifier(max_depth=3)).fit(data)
     with pytest.raises(
-        DataError, match="a policy made of a DecisionTreeClassifier cannot be saved without pickle; keep"
+        DataError, match="a DecisionTreeClassifier cannot be saved without pickle; leave it out, or keep"
     ):
         save(model, tmp_path / "p")
     assert not list(tmp_path.iterdir())

@@ -69,7 +69,7 @@ def variants(table: pa.Table, folder, seed: int):
     yield "two files", halves
 
 
-@pytest.mark.parametrize("seed", [0, 1, 5, 6])  # each kind, with and without times, and two shares of bad ones
+@pytest.mark.parametrize("seed", [6, 7])  # discrete and continuous, with and without times, and some bad ones
 def test_names_files_and_order_change_no_word(seed, tmp_path):
     found = {name: said(path) for name, path in variants(world(seed), tmp_path, seed)}
     assert {name: one for name, one in found.items() if one != found["as it was"]} == {}

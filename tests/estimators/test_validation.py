@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sklearn.base import clone
-from sklearn.exceptions import NotFittedError
 
 from problems import make, make_continuous, refused
 from rpil.data.demonstrations import Demonstrations
@@ -58,12 +57,6 @@ def test_rows_without_groups_are_refused_unless_each_is_a_demonstration(kind):
 def test_action_box_for_discrete_actions_is_refused_in_one_sentence():
     with refused("the actions are discrete, which no action_box fits; leave it out"):
         RPIL(action_box=(0, 1)).fit(make("random", 0).demonstrations)
-
-
-def test_unfitted_estimators_raise():
-    for method in ("predict", "predict_proba"):
-        with pytest.raises(NotFittedError):
-            getattr(RPIL(), method)(np.zeros((2, 2)))
 
 
 TOY = make("random", 0)

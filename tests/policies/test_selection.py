@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pytest
 
 from problems import curved, told
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.selection import FeatureChoice, _fit_least_squares, _median, choose_features
 from rpil.policies.settings import SelectionSettings
 
-choose = partial(choose_features, settings=SelectionSettings())
+
+def choose(observations, codes, offsets, weight, space, C=None):
+    return choose_features(FitData(observations, codes, offsets, space), weight, C, SelectionSettings())
 
 
 def straight(o):

@@ -23,10 +23,11 @@ from rpil import DaskEngine, DataError, formats
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.scale import dask as engine
-from rpil.scale.ascent import block_statistics
+from rpil.scale.fit import block_statistics
 from small import SAMPLE, small_rpil
 
 distributed = pytest.importorskip("distributed")
+dask = pytest.importorskip("dask.sizeof")
 
 # Where a worker is killed its connections are closed by whoever collects them: distributed's, not ours.
 pytestmark = [
@@ -170,7 +171,7 @@ def test_a_cluster_that_is_closed_in_a_fit_is_told_in_one_sentence(monkeypatch):
 
         monkeypatch.setattr(engine.RemoteBlocks, "run", run_with_an_end)
         monkeypatch.setattr(engine, "_WORKER_TIMEOUT", 1.0)
-        with pytest.raises(DataError, match=r"Dask cluster, in pass 4 over the data.*fit again") as caught:
+        with pytest.raises(DataError, match=r"The Dask cluster: it was lost.*fit again") as caught:
             small_rpil(engine=DaskEngine(client)).fit(demonstrations())
         with suppress(Exception):
             client.close()
@@ -211,25 +212,30 @@ class Odd:
         OSError("Timed out trying to connect"),
     ],
 )
-def test_any_error_of_the_cluster_names_the_pass(error):
+def test_any_error_of_the_cluster_is_one_sentence(error):
     odd = DaskEngine(Odd(error), n_shards=1).place([[np.ones(3)]])
-    for number in (1, 2):
-        with refused(f"in pass {number} over the data.*{type(error).__name__}"):
-            odd.total(_steps)
-    with pytest.raises(DataError, match="in pass 2 over the data"):
-        odd.then(_steps)
+    for call in (odd.total, odd.then):
+        with refused(f"The Dask cluster: it was lost .{type(error).__name__}"):
+            call(_steps)
     odd.client.nthreads = partial(odd.client.result, 1.0)
-    with pytest.raises(DataError, match="before the first pass"):
+    with refused("The Dask cluster: it was lost"):
         DaskEngine(odd.client).n_shards  # noqa: B018
 
 
-def test_a_cluster_without_workers_names_the_pass():
+def test_a_cluster_without_workers_is_waited_for_no_longer():
     odd = DaskEngine(Odd(TimeoutError("waited")), n_shards=1).place([[np.ones(3)]])
     odd.client.wait_for_workers = lambda *_: (_ for _ in ()).throw(TimeoutError("no worker came"))
-    with pytest.raises(DataError, match=r"in pass 1 over the data.*no worker came"):
-        odd.total(_steps)
-    with pytest.raises(DataError, match=r"before the first pass.*no worker came"):
-        DaskEngine(odd.client, n_shards=1).place([])
+    for call in (partial(odd.total, _steps), partial(DaskEngine(odd.client, n_shards=1).place, [])):
+        with refused("The Dask cluster: it was lost .*no worker came"):
+            call()
+
+
+def test_dask_knows_the_size_of_blocks():
+    data = demonstrations()
+    (block,) = data.shards(1, data.n_steps)[0]
+    prepared = block, FitData(data.observations, data.actions, data.offsets, None, np.zeros(120, dtype=int))
+    expected = 2 * (data.observations.nbytes + data.actions.nbytes)
+    assert expected <= dask.sizeof([prepared]) < expected + 1000
 
 
 def test_errors_of_the_data_pass_a_cluster_as_they_are():

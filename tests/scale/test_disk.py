@@ -72,11 +72,11 @@ print(peak() - before)
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="the system does not say how much memory was taken")
 def test_memory_does_not_grow_with_the_data(tmp_path):
-    """Six times the steps in hardly more memory."""
+    """Five times the steps in hardly more memory."""
     taken = []
     one_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each thread of BLAS has buffers of its own
     environment = os.environ | {"ARROW_DEFAULT_MEMORY_POOL": "system", "MALLOC_ARENA_MAX": "1"} | one_thread
-    for n_steps in (100_000, 600_000):  # each is many blocks, of which a few are in memory
+    for n_steps in (60_000, 300_000):  # the first is judged as a whole; of the second a few blocks are in memory
         path = tmp_path / f"{n_steps}.parquet"
         rng = np.random.default_rng(0)
         x = rng.standard_normal((n_steps, 40), dtype=np.float32)
@@ -89,4 +89,4 @@ def test_memory_does_not_grow_with_the_data(tmp_path):
         command = [sys.executable, "-W", "ignore", "-c", MEASURE, str(path)]
         taken.append(float(subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout))
     assert 0 < taken[0] < 400e6  # what the judge reads, and the pages of forty columns
-    assert taken[1] - taken[0] < 0.25 * 500_000 * 40 * 4
+    assert taken[1] - taken[0] < 0.25 * 240_000 * 40 * 4

@@ -14,9 +14,9 @@ from rpil.inference.fitted_judge import FittedJudge, fit_ratio
 from rpil.inference.held_out import held_out_model
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trust import judge
-from rpil.results.step_weights import of_demonstrations
-from rpil.scale.fit import BlockScores, JudgedSample, StepWeights, judge_everyone, policies_of_parts, score_block
-from small import small_rpil
+from rpil.scale.fit import JudgedSample, judge_everyone, policies_of_parts, score_block
+from rpil.scale.settings import AscentSettings
+from small import SMALL, small_rpil
 
 SETTINGS = JudgeSettings()
 
@@ -24,17 +24,6 @@ SETTINGS = JudgeSettings()
 def demonstrations(kind="random", seed=0, n_good=80, n_bad=40, maker=make):
     toy = maker(kind, seed, n_good=n_good, n_bad=n_bad, steps=(20, 60))
     return toy, Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets, toy.ids)
-
-
-def test_a_step_weighs_what_its_demonstration_does():
-    toy, data = demonstrations("noisy")
-    audit, problem = small_rpil().fit(data).audit_, fit_data_of(toy)
-    judged = FittedJudge.of(judge(problem, held_out_model(problem, SETTINGS.held_out), SETTINGS), problem, SETTINGS)
-    weigh = StepWeights.of(audit, JudgedSample(problem, np.arange(120), None, judged), SETTINGS)
-    log_ratio, weight = weigh.steps(problem, slice(0, 120))
-    expected = judged.ratio.step_ratios(problem.features, problem.actions, SETTINGS.held_out)[1]
-    np.testing.assert_array_equal(log_ratio, expected)
-    np.testing.assert_array_equal(weight, np.repeat(of_demonstrations(audit), data.lengths))
 
 
 def of_sample(kind, indices):
@@ -92,10 +81,12 @@ def test_a_tie_of_the_sample_is_a_tie_of_all():
 def test_blocks_are_joined_in_order():
     _, every, sample = of_sample("random", np.arange(36))
     halves = [replace(every, **cut(every, slice(*ends))) for ends in ((0, 10), (10, 36))]
-    blocks = [score_block((None, each), sample.judge, (), SETTINGS) for each in halves]
-    joined, whole = BlockScores.join(iter(blocks), 36), score_block((None, every), sample.judge, (), SETTINGS)
-    for one, other in zip(joined, whole, strict=True):
-        np.testing.assert_allclose(one, other)
+    blocks = [[score_block((None, each), sample.judge, (), SETTINGS) for each in some] for some in (halves, [every])]
+    joined, whole = (judge_everyone(sample, every, iter(some), SETTINGS) for some in blocks)
+    for name in ("log_odds", "columns", "reliability", "log_ratio"):
+        np.testing.assert_allclose(getattr(joined, name), getattr(whole, name))
+    expected = sample.judge.ratio.step_ratios(every.features, every.actions, SETTINGS.held_out)[1]
+    np.testing.assert_array_equal(whole.log_ratio, expected)
 
 
 def cut(data, some):
@@ -115,3 +106,10 @@ def test_shards_hold_every_demonstration_once_in_order():
         np.testing.assert_array_equal(np.concatenate([np.diff(p.offsets) for p in blocks]), data.lengths)
         assert all(after.demonstrations.start == before.demonstrations.stop for before, after in pairwise(blocks))
         assert blocks[0].first == 0
+
+
+def test_an_ascent_without_progress_ends():
+    said = []
+    settings = replace(SMALL, ascent=AscentSettings(tol=0.0))
+    small_rpil(settings=settings, progress=said.append).fit(demonstrations()[1])
+    assert 10 < sum("over everything, objective" in line for line in said) < 40

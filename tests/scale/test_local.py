@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rpil.scale import local
 from rpil.scale.local import LocalEngine
 from rpil.scale.protocol import Engine, Shards
 
@@ -48,3 +49,18 @@ def test_blocks_are_computed_in_every_pass_until_they_are_kept(monkeypatch, tmp_
             assert {one.dtype for one in same} == {array.dtype}
             np.testing.assert_array_equal([array] * 3, same)
     assert not list(tmp_path.iterdir())
+
+
+def test_few_blocks_are_in_memory(monkeypatch):
+    monkeypatch.setattr(local, "cores", lambda: 2)
+    read = []
+
+    def shard():
+        for k in range(9):
+            read.append(k)
+            yield k
+
+    results = LocalEngine().place([shard()]).map(lambda block: block)
+    assert next(results) == 0
+    assert len(read) == 3
+    assert list(results) == [*range(1, 9)]

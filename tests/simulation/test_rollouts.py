@@ -61,16 +61,6 @@ def test_lockstep_equals_one_at_a_time(env_id):
     np.testing.assert_allclose(seen.returns, [episode.rewards.sum() for episode in episodes], rtol=1e-12)
 
 
-def test_same_seed_same_bits_and_another_seed_others():
-    driver = expert("LunarLander-v3")
-    first, again, other = (record(driver, "LunarLander-v3", n_episodes=4, seed=seed) for seed in (1, 1, 2))
-    for one, two in zip(first, again, strict=True):
-        np.testing.assert_array_equal(one.observations, two.observations)
-        np.testing.assert_array_equal(one.actions, two.actions)
-        np.testing.assert_array_equal(one.rewards, two.rewards)
-    assert not any(np.array_equal(a.observations[0], b.observations[0]) for a in first for b in other)
-
-
 def test_episodes_of_one_run_start_differently_and_do_not_depend_on_how_many_there_are():
     driver = expert("MountainCar-v0")
     few, many = (rollout(driver, "MountainCar-v0", n_episodes=n, seed=5).returns for n in (3, 12))
@@ -122,22 +112,13 @@ def test_recording_nothing_gives_nothing():
 @pytest.mark.parametrize(
     ("policy", "env_id", "words"),
     [
-        (Always(0), "MountainCarr-v0", "cannot make 'MountainCarr-v0'"),
-        (Always(0), "MountainCar-v99", "cannot make 'MountainCar-v99'"),
         (Always(0), "not an id", "cannot make 'not an id'"),
-        (Always(0), "no_such_module:Thing-v0", "cannot make 'no_such_module:Thing-v0'"),
         (Always([0.5]), "CartPole-v1", r"shape \(2, 1\): predict must return one action 0 to 1"),
         (Always([0, 0]), "Pendulum-v1", r"shape \(2, 2\): predict must return one finite number for each"),
         (Always(0.5), "LunarLanderContinuous-v3", r"shape \(2,\): predict must return 2 finite numbers for each"),
         (Always([np.nan]), "Pendulum-v1", "float64 .* one finite number"),
-        (Always([np.inf]), "Pendulum-v1", "float64 .* one finite number"),
-        (Always(["left"]), "Pendulum-v1", "one finite number"),
         (Always(0), "Blackjack-v1", "Blackjack-v1 has Tuple .* only flat observations"),
         (Always(2), "CartPole-v1", r"CartPole-v1 .* one action 0 to 1"),
-        (Always(-1), "CartPole-v1", r"CartPole-v1 .* one action 0 to 1"),
-        (Always(0.5), "CartPole-v1", r"CartPole-v1 .* float64 .* one action"),
-        (Always(np.nan), "CartPole-v1", r"CartPole-v1 .* float64 .* one action"),
-        (Always("left"), "CartPole-v1", r"CartPole-v1 .* one action"),
         (SimpleNamespace(predict=lambda rows: rows), "CartPole-v1", r"shape \(2, 4\): predict must return one action"),
     ],
 )
@@ -171,15 +152,7 @@ def test_environments_are_closed_also_after_an_error(monkeypatch):
     assert len(closed) == 3
 
 
-@pytest.mark.parametrize(
-    ("predict", "action", "env_id"),
-    [
-        (lambda rows: np.full(len(rows), 0.3), [0.3], "Pendulum-v1"),  # a number needs no column
-        (lambda rows: np.full(len(rows), 1.0), 1, "CartPole-v1"),  # labels of type float that are whole
-        (lambda rows: (np.full(len(rows), 1), None), 1, "CartPole-v1"),  # a state beside the actions
-    ],
-)
-def test_actions_may_be_given_otherwise(predict, action, env_id):
-    policies = SimpleNamespace(predict=predict), Always(action)
-    found, wanted = (rollout(policy, env_id, n_episodes=3, seed=0) for policy in policies)
+def test_a_state_may_be_given_beside_the_actions():
+    policies = SimpleNamespace(predict=lambda rows: (np.full(len(rows), 1.0), None)), Always(1)
+    found, wanted = (rollout(policy, "CartPole-v1", n_episodes=3, seed=0) for policy in policies)
     np.testing.assert_array_equal(found.returns, wanted.returns)

@@ -75,11 +75,6 @@ def test_spoiled_returns_are_the_experts_but_for_random():
     assert (made.returns[made.is_good == 0] == -200).all()
 
 
-def test_good_and_bad_are_different_episodes():
-    made = simulate(CAR, "flip", n_good=4, n_bad=4, seed=6)
-    assert len({observations[0].tobytes() for observations, _ in made.episodes}) == 8
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -95,39 +90,12 @@ def test_errors_are_one_sentence(arguments, words):
         simulate(env_id, kind, n_good=n_good, n_bad=n_bad, seed=0)
 
 
-PROCESS = """
-import warnings
-from rpil import DataError, rollout, simulate
-from rpil.simulation.experts import expert
-
-filters = list(warnings.filters)
-
-for call in CALLS:
-    try:
-        eval(call)
-    except DataError:
-        call += " fails"
-    assert warnings.filters == filters, (call, warnings.filters)
-    print(call)
-"""
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "call",
-    [
-        "simulate('LunarLander-v3', 'random', n_good=1, n_bad=1, seed=0)",
-        "[simulate(name, 'flip', n_good=1, n_bad=1, seed=0) for name in ('MountainCar-v0', 'LunarLander-v3')]",
-        "simulate('Acrobot-v1', 'sensor', n_good=1, n_bad=1, seed=0)",
-        "rollout(expert('Acrobot-v1'), 'Acrobot-v1', n_episodes=2, seed=0)",
-        "rollout(expert('Acrobot-v1'), 'Unknown-v1', n_episodes=1, seed=0)",
-        "rollout(expert('Acrobot-v1'), 'Blackjack-v1', n_episodes=1, seed=0)",
-    ],
-)
-def test_warning_filters_stay_as_they_were_and_no_environment_prints(call):
+def test_warning_filters_stay_as_they_were_and_no_environment_prints():
     """In a process of its own, where Gymnasium is imported for the first time."""
-    code = PROCESS.replace("CALLS", repr([call]))
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    is_wrong = "Unknown" in call or "Blackjack" in call
-    assert done.stdout.strip() == call + (" fails" if is_wrong else "")
+    code = "import warnings\nfrom rpil import DataError, rollout, simulate\nbefore = list(warnings.filters)\n"
+    code += "for name in ('LunarLander-v3', 'Acrobot-v1'): simulate(name, 'random', n_good=1, n_bad=1, seed=0)\n"
+    code += "try: rollout(None, 'Blackjack-v1', n_episodes=1, seed=0)\nexcept DataError: pass\n"
+    code += "print(warnings.filters == before)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "True"

@@ -2,33 +2,31 @@
 
 The header is a tree of JSON values: numbers and text stand for themselves; an array is named by its member of the
 archive; an object is the name of a class that `stored` registered, and its fields. `Decoder` makes objects of
-registered classes only, and checks the type of every field, and the shape of every array, against the class.
+registered classes only, and checks the fields, and the shape of every array, against the class.
 """
 
 from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import fields
 from importlib.metadata import version
-from pathlib import Path
-from types import UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar
 
 import numpy as np
 
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, check_exists, replacing
+from rpil.data.files import StrPath, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, parse
-from rpil.data.npy import ARRAY, new_member, read_arrays, write_arrays
+from rpil.data.npy import ARRAY, read_arrays, write_arrays
 from rpil.numerics.types import Array
 
 VERSION = 14
 """Version of the format; a file of another version is refused."""
 
-_HEADER = "header.json"
+_HEADER, _SCHEMA, _REMEDY = "header.json", "rpil fitted estimator", "fit and save it again"
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 Header = dict[str, Any]
@@ -40,17 +38,8 @@ NOT_STORED = {"stored": False}
 """Metadata of a dataclass field that files do not hold; it has a default."""
 
 
-@dataclass(frozen=True)
-class Stored:
-    """A dataclass whose objects an archive may hold, the axes of its arrays by name, and the `renews` of `stored`."""
-
-    kind: type
-    arrays: Mapping[str, str]
-    renews: tuple[str, ...]
-
-
-CLASSES: dict[str, Stored] = {}
-"""Registered classes by their names in files."""
+CLASSES: dict[str, tuple[type, Mapping[str, str], tuple[str, ...]]] = {}
+"""Registered classes by their names in files, with the axes of their arrays and the `renews` of `stored`."""
 
 
 def stored(*, renews: tuple[str, ...] = (), **axes: str) -> Callable[[Class], Class]:
@@ -67,7 +56,7 @@ def stored(*, renews: tuple[str, ...] = (), **axes: str) -> Callable[[Class], Cl
     """
 
     def register(kind: Class) -> Class:
-        CLASSES[kind.__name__] = Stored(kind, axes, renews)
+        CLASSES[kind.__name__] = kind, axes, renews
         return kind
 
     return register
@@ -79,15 +68,17 @@ def rpil_version() -> str:
 
 def write_archive(path: StrPath, header: Mapping[str, object], arrays: Mapping[str, Array]) -> None:
     """Write a header and arrays to a file, which is whole or not there."""
+    header = {"schema": _SCHEMA, "version": VERSION, "rpil": rpil_version()} | dict(header)
     with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        archive.writestr(new_member(archive, _HEADER), json.dumps(header, indent=1))
+        with archive.open(_HEADER, "w") as member:
+            member.write(json.dumps(header, indent=1).encode())
         write_arrays(archive, arrays)
 
 
 def encode(value: object, name: str, arrays: dict[str, Array]) -> Json:
     """`value` as a node of the header; its arrays are added to `arrays` under names that begin with `name`.
 
-    A `TypeError` names a class that is not registered.
+    A `TypeError` names a class that is not registered, or that of the estimator that such an object is made of.
     """
     if isinstance(value, np.generic):
         value = value.item()
@@ -101,16 +92,11 @@ def encode(value: object, name: str, arrays: dict[str, Array]) -> Json:
     if isinstance(value, Mapping):
         pairs = enumerate(value.items())
         return {"pairs": [[encode(part, f"{name}/{k}", arrays) for part in pair] for k, pair in pairs]}
-    class_name = stored_name(value)
-    if class_name is None:
-        raise TypeError(type(value).__name__)
-    content = {f: encode(getattr(value, f), f"{name}/{f}", arrays) for f in _field_names(type(value))}
-    return {"class": class_name, "fields": content}
-
-
-def stored_name(value: object) -> str | None:
-    """The name in files of the class of `value`; None if the class is not registered by `stored`."""
-    return next((name for name, entry in CLASSES.items() if entry.kind is type(value)), None)
+    kind = type(value)
+    if kind not in (registered for registered, *_ in CLASSES.values()):
+        raise TypeError(type(getattr(value, "estimator", value)).__name__)
+    content = {f: encode(getattr(value, f), f"{name}/{f}", arrays) for f in _field_names(kind)}
+    return {"class": kind.__name__, "fields": content}
 
 
 def _field_names(kind: type) -> list[str]:
@@ -131,27 +117,6 @@ def check_array(value: object, axes: str, sizes: dict[str, int]) -> None:
             raise ValueError(axes)
     if np.isnan(value).any():
         raise ValueError(axes)
-
-
-def is_of_type(value: object, hint: Any) -> bool:
-    """Whether a value that is no array is of the type that a record declares; any array is one."""
-    origin, args = get_origin(hint), get_args(hint)
-    if isinstance(value, np.ndarray):
-        return True
-    if origin in (Union, UnionType):
-        return any(is_of_type(value, one) for one in args)
-    if origin is Literal:
-        return value in args
-    if origin is tuple and isinstance(value, tuple):
-        kinds = args[:1] * len(value) if args[-1] is ... else args
-        return len(kinds) == len(value) and all(map(is_of_type, value, kinds))
-    if isinstance(origin, type) and issubclass(origin, Mapping) and isinstance(value, dict):
-        return all(is_of_type(key, args[0]) and is_of_type(one, args[1]) for key, one in value.items())
-    if hint is Hashable:
-        return isinstance(value, str | int | float)
-    if hint in (int, float):
-        return isinstance(value, int | hint) and not isinstance(value, bool)
-    return hint is Any or (isinstance(hint, type) and (getattr(hint, "_is_protocol", False) or isinstance(value, hint)))
 
 
 class Decoder:
@@ -178,49 +143,45 @@ class Decoder:
             return node
         if node.keys() == {"pairs"}:
             return {self.value(key): self.value(value) for key, value in node["pairs"]}
-        entry, content = CLASSES[node["class"]], node["fields"]
-        if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(entry.kind)):
+        (kind, axes, renews), content = CLASSES[node["class"]], node["fields"]
+        if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(kind)):
             raise KeyError(node["class"])
-        self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in entry.renews}
-        values, hints = {}, get_type_hints(entry.kind)
+        self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in renews}
+        values = {}
         for name, part in content.items():
-            is_array = name in entry.arrays and part is not None
-            values[name] = self.array(part, entry.arrays[name]) if is_array else self.value(part)
-            if not is_of_type(values[name], hints[name]):
-                raise TypeError(name)
-        return entry.kind(**values)
+            is_array = name in axes and part is not None
+            values[name] = self.array(part, axes[name]) if is_array else self.value(part)
+        return kind(**values)
 
 
-def read_archive(
-    path: Path, schema: str, otherwise: str, remedy: str = "fit and save it again"
-) -> tuple[Header, dict[str, Array]]:
+def read_archive(path: StrPath) -> tuple[Header, dict[str, Array]]:
     """The header and all arrays of an archive.
 
-    A `DataError` where the file is damaged, of another version, compressed, too large for the memory, or, saying
-    `otherwise`, of another `schema`; the `remedy` is to write it again. Who decodes the header refuses arrays that it
-    does not name.
+    A `DataError` where the file is none, damaged, of another version, compressed, or too large for the memory. Who
+    decodes the header refuses arrays that it does not name.
     """
-    foreign = f"{path}: {otherwise}."
-    with check_exists(path).open("rb") as file:
-        if file.read(2) != b"PK" and not zipfile.is_zipfile(file):
+    path = check_readable(path)
+    foreign = f"{path}: it is no policy that rpil saved; make one with rpil fit, or rpil.save."
+    with path.open("rb") as file:
+        if file.read(2) != b"PK":
             raise DataError(foreign)
-    with guarded(path, "it is damaged or truncated", remedy), zipfile.ZipFile(path) as archive:
+    with guarded(path, "it is damaged or truncated", _REMEDY), zipfile.ZipFile(path) as archive:
         members, header = archive.namelist(), None
         if _HEADER in members:
             if sum(info.file_size for info in archive.infolist()) > path.stat().st_size:  # what rpil saves is as it is
-                raise DataError(f"{path}: its parts hold more than the file, as rpil saves none; {remedy}.")
+                raise DataError(f"{path}: its parts hold more than the file, as rpil saves none; {_REMEDY}.")
             with archive.open(_HEADER) as file:
                 header = parse(file.read(LARGEST_TABLE + 1), f"{path}, {_HEADER}", LARGEST_TABLE)
-        if not isinstance(header, dict) or header.get("schema") != schema:
+        if not isinstance(header, dict) or header.get("schema") != _SCHEMA:
             raise DataError(foreign)
         if header.get("version") != VERSION:
             who, saved = (str(header.get(name))[:20] for name in ("rpil", "version"))
             made = f"rpil {who} saved it in version {saved} of the format"
             here = f"rpil {rpil_version()} reads version {VERSION}"
-            raise DataError(f"{path}: {made}, but {here}; use that rpil, or {remedy}.")
+            raise DataError(f"{path}: {made}, but {here}; use that rpil, or {_REMEDY}.")
         members.remove(_HEADER)
         names = [member.removesuffix(ARRAY) for member in members]
         arrays = dict(zip(names, read_arrays(archive, members, str(path)), strict=True))
         if len(arrays) < len(members):
-            raise DataError(f"{path}: its parts do not belong together; {remedy}.")
+            raise DataError(f"{path}: its parts do not belong together; {_REMEDY}.")
     return header, arrays

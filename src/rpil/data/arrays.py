@@ -257,13 +257,12 @@ def check_squares(ends: Array | Sequence[Array], what: str, names: Sequence[str]
     """A `DataError` where columns that reach from ``ends[0]`` to ``ends[1]``, (K,) each, are too large, or vary by too
     little, to be squared; `what` and its name, or else its number, name the column."""
     low, high = np.asarray(ends, dtype=float)
-    spread, no_square = high / 2 - low / 2, "square is no number; use"
+    spread, shown = high / 2 - low / 2, list(map(repr, names)) or range(len(low))
+    beyond, alike = f"is beyond {LARGEST:g}", f"varies by less than {SMALLEST:g}"
     large, tiny = np.maximum(-low, high) > LARGEST, (spread > 0) & (spread < SMALLEST)
-    shown = list(map(repr, names)) or range(len(spread))
-    beyond, alike = f"is beyond {LARGEST:g}, where its", f"varies by less than {SMALLEST:g}, whose"
-    for wrong, why, other in ((large, beyond, "larger"), (tiny, alike, "smaller")):
+    for wrong, how, other in ((large, beyond, "larger"), (tiny, alike, "smaller")):
         if wrong.any():
-            raise DataError(f"{what} {shown[np.argmax(wrong)]} {why} {no_square} {other} units.")
+            raise DataError(f"{what} {shown[np.argmax(wrong)]} {how}, where a square is no number; use {other} units.")
 
 
 def check_finite(

@@ -36,6 +36,10 @@ class Block:
     actions: Array
     offsets: NDArray[np.int64]  # from 0
 
+    def __sizeof__(self) -> int:
+        """Bytes, which Dask asks for."""
+        return self.observations.nbytes + self.actions.nbytes
+
     @property
     def demonstrations(self) -> slice:
         """Numbers of its demonstrations."""

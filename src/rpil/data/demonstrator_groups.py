@@ -77,13 +77,11 @@ def names_by_id(
         check_ids(demonstrators, known or ids, source, "the demonstrators")
         names = {str(m): name for m, name in demonstrators.items()}
         return {m: names[m] for m in map(str, ids) if m in names}
-    names_in_order = np.asarray([] if demonstrators is None else demonstrators)
-    if demonstrators is not None and names_in_order.shape != (len(ids),):
-        raise DataError(
-            f"{source}: demonstrators has the shape {names_in_order.shape}; give one for each of the {len(ids)} "
-            "demonstrations, in their order."
-        )
-    return dict(zip(map(str, ids), names_in_order.tolist(), strict=False))
+    given = np.asarray([] if demonstrators is None else demonstrators)
+    if demonstrators is not None and given.shape != (len(ids),):
+        wrong = f"demonstrators has the shape {given.shape}"
+        raise DataError(f"{source}: {wrong}; give one for each of the {len(ids)} demonstrations, in their order.")
+    return dict(zip(map(str, ids), given.tolist(), strict=False))
 
 
 def group_by_demonstrator(demonstrators: DemonstratorNames | None, demonstrations: DemonstrationSet) -> Demonstrators:

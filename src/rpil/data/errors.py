@@ -54,14 +54,11 @@ def shortened(sentence: str) -> str:
 
 
 class MissingExtraError(ImportError):
-    """A feature needs an optional dependency; the message names the extra to install."""
+    """A feature needs an optional dependency; its arguments are the feature and the extra to install."""
 
-    def __init__(self, feature: str, extra: str) -> None:
-        super().__init__(f"{feature} needs an optional package: install it with pip install 'rpil[{extra}]'.")
-        self._arguments = feature, extra
-
-    def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str]]:
-        return type(self), self._arguments  # by default the two arguments would be lost on the way from another process
+    def __str__(self) -> str:
+        feature, extra = self.args
+        return f"{feature} needs an optional package: install it with pip install 'rpil[{extra}]'."
 
 
 def optional(module: str, feature: str, extra: str) -> Any:

@@ -95,10 +95,6 @@ def replacing(path: StrPath) -> Iterator[Path]:
         yield temporary
         if target.exists():
             shutil.copymode(target, temporary)
-        for file in [temporary, *temporary.rglob("*")]:
-            if file.is_file():  # after a power cut its name does not stand for half of it
-                with file.open("rb+") as stream:
-                    os.fsync(stream.fileno())
         os.replace(temporary, target)
     except OSError as error:
         # Libraries put more into the text of the error than what the system says.

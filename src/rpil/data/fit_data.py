@@ -34,6 +34,10 @@ class FitData:
         """Steps without demonstrations, as one unlabelled demonstration."""
         return cls(features, actions, np.array([0, len(actions)]), space)
 
+    def __sizeof__(self) -> int:
+        """Bytes, which Dask asks for."""
+        return self.features.nbytes + self.actions.nbytes
+
     @property
     def n_demonstrations(self) -> int:
         """M."""

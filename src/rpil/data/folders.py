@@ -26,24 +26,22 @@ def check_folder(path: StrPath) -> None:
     if not top.is_dir():
         return
     places, only = _places(top), _DATA if (top / "data").is_dir() else None
-    waiting, reached = [(str(top), places[0])], {places[0]}
-    while waiting:
-        folder, real_folder = waiting.pop()
-        for entry in _entries(folder):
-            is_link = entry.is_symlink()
-            is_folder = os.path.isdir(entry.path) if is_link else entry.is_dir()
-            if is_folder and real_folder == places[0] and (is_hidden(entry.name) or (only and entry.name not in only)):
-                continue
-            if is_hidden(entry.name) and is_dangling(entry.path):  # a lock of an editor, which nothing can read
-                continue
-            real = _real_place(entry.path, top, places) if is_link else os.path.join(real_folder, entry.name)
-            if is_folder and real in reached:
-                raise DataError(f"{entry.path}: a link leads to this folder, or from it in a circle; remove it.")
-            if is_folder:
-                reached.add(real)
-                waiting.append((entry.path, real))
-            elif not is_link and not entry.is_file():
-                raise _not_a_file(entry.path)
+    reached = {places[0]}
+    for folder, folders, files in os.walk(top, onerror=_refuse_unlisted, followlinks=True):
+        if os.path.samefile(folder, top):
+            folders[:] = [name for name in folders if not is_hidden(name) and (only is None or name in only)]
+        for name in (*folders, *files):
+            path = os.path.join(folder, name)
+            if os.path.islink(path):
+                if is_hidden(name) and is_dangling(path):  # a lock of an editor, which nothing can read
+                    continue
+                _real_place(path, top, places)
+            elif not os.path.isfile(path) and name not in folders:
+                raise _not_a_file(path)
+        for path in (os.path.join(folder, name) for name in folders):
+            if (real := os.path.realpath(path)) in reached:
+                raise DataError(f"{path}: a link leads to this folder, or from it in a circle; remove it.")
+            reached.add(real)
 
 
 def check_inside(path: StrPath, top: StrPath) -> None:
@@ -115,12 +113,7 @@ def _not_a_file(path: StrPath) -> DataError:
     return DataError(f"{path}: it is a pipe or a device; remove it, or copy the file again.")
 
 
-def _entries(folder: str) -> list[os.DirEntry[str]]:
-    """What is in a folder; nothing where nothing in it can be opened, as in ``lost+found``."""
-    try:
-        with os.scandir(folder) as entries:
-            return list(entries)
-    except OSError as error:
-        if os.access(folder, os.X_OK):  # files whose names are known can be opened
-            raise DataError(f"{folder}: it may not be listed; change its permissions.") from error
-        return []
+def _refuse_unlisted(error: OSError) -> None:
+    """A `DataError`, but where nothing in a folder can be opened, as in ``lost+found``."""
+    if os.access(error.filename, os.X_OK):  # files whose names are known can be opened
+        raise DataError(f"{error.filename}: it may not be listed; change its permissions.") from error

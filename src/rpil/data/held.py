@@ -6,15 +6,12 @@ import os
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from typing import BinaryIO, TypeVar, cast
+from typing import BinaryIO, TypeVar
 
 T = TypeVar("T")
 
 MOST_OPEN = 64
 """Files that stay open, at most: a process may have a few hundred."""
-
-Held = tuple[ExitStack | None, dict[tuple[str, object], object]]
-"""What closes the files, and the files by path and kind."""
 
 _open = threading.local()  # two threads that read one open file would move each other's place
 
@@ -25,8 +22,8 @@ def holding() -> Iterator[None]:
     if hasattr(_open, "files"):
         yield
         return
-    with ExitStack() as stack:
-        _open.files = stack, {}
+    with ExitStack() as _open.stack:
+        _open.files = {}
         try:
             yield
         finally:
@@ -39,15 +36,14 @@ def held(path: str | os.PathLike[str], open_it: Callable[[], AbstractContextMana
 
     `kind` tells apart what several libraries open.
     """
-    stack, found = cast(Held, getattr(_open, "files", (None, {})))
-    key = str(path), kind
-    if stack is None or (key not in found and len(found) >= MOST_OPEN):
+    key, files = (str(path), kind), getattr(_open, "files", None)
+    if files is None or (key not in files and len(files) >= MOST_OPEN):
         with open_it() as one:
             yield one
         return
-    if key not in found:
-        found[key] = stack.enter_context(open_it())
-    yield cast(T, found[key])
+    if key not in files:
+        files[key] = _open.stack.enter_context(open_it())
+    yield files[key]
 
 
 @contextmanager

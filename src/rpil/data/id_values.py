@@ -97,7 +97,7 @@ def parse_answers(
     pairs: Pairs = {}
     known, given = {*map(str, ids)}, [*rows]
     for m, word, *_ in given:
-        label, (relation, second) = _label(word), _compared(word) or ("same as", "")
+        label, (relation, second) = _LABELS.get(str(word).strip().lower()), _compared(word) or ("same as", "")
         if other := second if second in known else second.strip():
             _add_pair(pairs, (m, other), relation, source)
         elif label is None and word != CANNOT_TELL:  # which was written for its note
@@ -141,25 +141,19 @@ def write_answers(
     """
     old = before or b"id,label\n"
     encoding, known = "utf-8-sig" if old.startswith(BOM_UTF8) else "utf-8", {*map(str, ids)}
-    rows = _csv_rows(old.decode(encoding))
-    names = [*(rows.fieldnames or ())]
-    id_column, replaced = _id_column(names) or "", {row.id for row in answers if not _compared(row.label)}
+    rows, names, id_column = _csv_rows(old.decode(encoding))
+    replaced = {row.id for row in answers if not _compared(row.label)}
     kept = [row for row in rows if _compared(row["label"]) or _id_in(row[id_column], known) not in replaced]
     for answer in answers:
         kept.append({name: str(to_cell(value)) for name, value in {**answer._asdict(), id_column: answer.id}.items()})
     names += ["note"] if any(row.note for row in answers) and "note" not in names else []
-    cells = [names, *([row.get(name) or "" for name in names] for row in kept)]
-    end, comma = "\r\n" if b"\r\n" in old else "\n", rows.reader.dialect.delimiter
+    end, comma, lines = "\r\n" if b"\r\n" in old else "\n", rows.reader.dialect.delimiter, io.StringIO(newline="")
+    for cells in (names, *([row.get(name) or "" for name in names] for row in kept)):
+        plain = all(text.isprintable() and text == text.strip() for text in cells)  # else readers leave spaces out
+        quoting: Literal[0, 1] = csv.QUOTE_MINIMAL if plain else csv.QUOTE_ALL
+        csv.writer(lines, delimiter=comma, lineterminator=end, quoting=quoting).writerow(cells)
     with replacing(path) as temporary:
-        temporary.write_bytes("".join(csv_row(row, comma) + end for row in cells).encode(encoding))
-
-
-def csv_row(cells: Iterable[object], comma: str = ",") -> str:
-    """A line of a CSV file, from which every reader gets the same cells again."""
-    line, texts = io.StringIO(), list(map(str, cells))
-    plain = all(text.isprintable() and text == text.strip() for text in texts)
-    csv.writer(line, delimiter=comma, quoting=csv.QUOTE_MINIMAL if plain else csv.QUOTE_ALL).writerow(texts)
-    return line.getvalue().removesuffix("\r\n")
+        temporary.write_bytes(lines.getvalue().encode(encoding))
 
 
 def same_question(m: str, word: object) -> frozenset[str]:
@@ -170,10 +164,8 @@ def same_question(m: str, word: object) -> frozenset[str]:
 
 def _compared(word: object) -> tuple[Relation, str] | None:
     """The relation to the other demonstration of a pair, and its id; None where the word makes none."""
-    found = _COMPARED.fullmatch(word) if isinstance(word, str) else None
-    if not found:
-        return None
-    return "same as" if found[1].lower().startswith("same") else "better than", found[2]
+    found = _COMPARED.fullmatch(str(word))
+    return found and ("same as" if found[1].lower().startswith("same") else "better than", found[2])
 
 
 def _id_in(cell: str | None, ids: Collection[str]) -> str:
@@ -191,20 +183,13 @@ def _add_pair(pairs: Pairs, pair: tuple[str, str], relation: Relation, source: s
         raise DataError(f"{source}, {first!r} and {second!r}: two answers contradict each other; keep one answer.")
 
 
-def _label(word: object) -> Label | None:
-    return _LABELS.get(word.strip().lower()) if isinstance(word, str) else None
-
-
 def label_codes(labels: Mapping[Any, str], ids: Sequence[object], source: str = "the labels") -> Int[Array, " M"]:
     """1 for demonstrations labelled "good", -1 for "bad", 0 for the rest of the M `ids`, which are compared as text.
 
     A `DataError` on an unknown label or id.
     """
     check_ids(labels, ids, source, "the labels")
-    words, pairs = parse_labels(labels, ids)
-    if pairs:
-        raise DataError(f"{source}: {quoted(pairs, 1)} compares two demonstrations; give labels, 'good' or 'bad'.")
-    codes = {None: 0, "good": 1, "bad": -1}
+    words, codes = parse_labels(labels, ids)[0], {None: 0, "good": 1, "bad": -1}
     return np.array([codes[words.get(str(m))] for m in ids], dtype=np.int64)
 
 
@@ -265,24 +250,20 @@ def read_id_pairs(
     return pairs
 
 
-def _id_column(header: Sequence[str]) -> str | None:
-    return next((name for name in ("id", *EPISODE) if name in header), None)
-
-
-def _csv_rows(text: str) -> csv.DictReader[str]:
-    """The rows of a CSV file, whose cells may hold ends of lines."""
+def _csv_rows(text: str) -> tuple[csv.DictReader[str], list[str], str]:
+    """The rows of a CSV file, whose cells may hold ends of lines, the names of its columns, and that of the ids."""
     header = text.partition("\n")[0]
     comma = ";" if ";" in header and "," not in header else ","  # Excel writes the first where numbers have commas
-    return csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True, strict=True, delimiter=comma)
+    rows = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True, strict=True, delimiter=comma)
+    names = [*(rows.fieldnames or ())]
+    return rows, names, next((name for name in ("id", *EPISODE) if name in names), "")
 
 
 def _csv_pairs(text: str, columns: Sequence[str], source: str, ids: Collection[str]) -> list[IdRow]:
     column, *more = columns
-    rows = _csv_rows(text)
-    header = rows.fieldnames or ()
-    id_column = _id_column(header)
-    if id_column is None or column not in header:
-        raise DataError(f"{source}: the columns must be id and {column} (found {quoted(header)}).")
+    rows, names, id_column = _csv_rows(text)
+    if not id_column or column not in names:
+        raise DataError(f"{source}: the columns must be id and {column} (found {quoted(names)}).")
     pairs: list[IdRow] = []
     for row in rows:
         m = _id_in(row[id_column], ids)

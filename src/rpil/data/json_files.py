@@ -22,15 +22,15 @@ MOST_LISTS = 2_000_000
 
 
 def read_text(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8") -> str:
-    """The text of a file; a `DataError` where it has more bytes than `limit`."""
+    """The text of a file; errors are those of `check_text`."""
     with held_bytes(path) as file:
         content = file.read(limit + 1)
-    _check_size(len(content), str(path), limit)
+    check_text(content, str(path), limit)
     return content.decode(encoding)
 
 
 def read_json(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8") -> Parsed:
-    """What a file of JSON holds; errors are those of `read_text` and `parse`."""
+    """What a file of JSON holds; errors are those of `parse`."""
     return parse(read_text(path, limit, encoding), str(path), limit)
 
 
@@ -55,7 +55,8 @@ def parse(text: str | bytes, where: str, limit: int = LARGEST_METADATA, pairs: t
 
 def check_text(text: str | bytes, where: str, limit: int) -> None:
     """A `DataError` where a text is longer than `limit`, or holds more lists than `MOST_LISTS`."""
-    _check_size(len(text), where, limit)
+    if len(text) > limit:
+        raise DataError(f"{where}: it is longer than {limit // MIB} MiB, which no such file needs; write it again.")
     n_lists = text.count("[") + text.count("{") if isinstance(text, str) else text.count(b"[") + text.count(b"{")
     if n_lists > MOST_LISTS:
         raise DataError(f"{where}: it holds more than {MOST_LISTS:,} lists and objects; write it again.")
@@ -66,11 +67,6 @@ def parse_lines(text: str | bytes, where: str, limit: int = LARGEST_METADATA) ->
     check_text(text, where, limit)
     lines = text.replace("\r", "\n").split("\n") if isinstance(text, str) else text.splitlines()  # as JSON knows them
     return [json.loads(line) for line in lines if line.strip()]
-
-
-def _check_size(n_bytes: int, where: str, limit: int) -> None:
-    if n_bytes > limit:
-        raise DataError(f"{where}: it is longer than {limit // MIB} MiB, which no such file needs; write it again.")
 
 
 def finite(value: object) -> object:

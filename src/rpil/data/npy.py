@@ -87,15 +87,8 @@ def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:
 def write_arrays(archive: zipfile.ZipFile, arrays: Mapping[str, Array]) -> None:
     """Add arrays as members ``NAME.npy``; a `ValueError` where one holds Python objects."""
     for name, array in arrays.items():
-        with archive.open(new_member(archive, f"{name}.npy"), "w", force_zip64=True) as stream:
+        with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:  # without the time of writing
             npy.write_array(stream, array, allow_pickle=False)
-
-
-def new_member(archive: zipfile.ZipFile, name: str) -> zipfile.ZipInfo:
-    """A member to write, without the time of writing, so that equal contents give equal files."""
-    member = zipfile.ZipInfo(name)
-    member.compress_type = archive.compression
-    return member
 
 
 def _declared_bytes(archive: zipfile.ZipFile, member: str, where: str) -> int:

@@ -59,13 +59,10 @@ def check_outcome(outcome: Float[Array, " M"], name: str, source: str) -> Float[
     known = outcome[~np.isnan(outcome)]
     if not np.isfinite(known).all():
         raise DataError(f"{source}: {name} is infinite for some demonstrations; give numbers, or leave it out.")
-    if not len(known):
-        raise DataError(f"{source}: {name} is known for no demonstration; name another, or leave it out.")
     if not tells(outcome):
-        raise DataError(
-            f"{source}: {name} is {known[0]:g} for every demonstration that it is known of, which tells none from "
-            "another; name another, or leave it out."
-        )
+        known_of = "every demonstration that it is known of, which tells none from another"
+        fault = f"{known[0]:g} for {known_of}" if len(known) else "known for no demonstration"
+        raise DataError(f"{source}: {name} is {fault}; name another, or leave it out.")
     return outcome
 
 
@@ -81,30 +78,25 @@ def given_outcome(
     others of `every` one; those left out are unknown. A `DataError` as `check_outcome`, and where an id is unknown or
     twice in the file, a value no number, or their count another one."""
     if isinstance(given, str):
-        source, pairs = Path(given).name, [row[:2] for row in read_id_pairs(given, "value", "1", every or ids)]
+        source, rows = Path(given).name, read_id_pairs(given, "value", "1", every or ids)
         words = {"true": 1.0, "false": 0.0, "": np.nan}
-        found = cast(dict[str, float], {m: words.get(str(value).lower(), value) for m, value in pairs})
-        if len(found) < len(pairs):
-            [(twice, _)] = Counter(m for m, _ in pairs).most_common(1)
+        found = cast(dict[str, float], {m: words.get(str(value).lower(), value) for m, value, *_ in rows})
+        if len(found) < len(rows):
+            [(twice, _)] = Counter(m for m, *_ in rows).most_common(1)
             raise DataError(f"{source}, demonstration {twice!r}: it has two outcomes; keep one.")
         return given_outcome(found, ids, source, every)
     if isinstance(given, Mapping):
         by_id = {str(m): value for m, value in given.items()}
         check_ids(by_id, every or ids, source, "<option>", "outcome")
         given = [by_id.get(str(m), np.nan) for m in ids]
-    return check_outcome(_numbers(given, ids, source), "the outcome", source)
-
-
-def _numbers(given: Sequence[float] | Array, ids: Sequence[Hashable], source: str) -> Array:
     try:
         values = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise DataError(f"{source}: outcome holds what is no number; give a number for each demonstration.") from error
     if values.shape != (len(ids),):
-        raise DataError(
-            f"{source}: outcome has the shape {values.shape}; give one number for each of {len(ids)} demonstrations."
-        )
-    return values
+        wrong = f"outcome has the shape {values.shape}"
+        raise DataError(f"{source}: {wrong}; give one number for each of {len(ids)} demonstrations.")
+    return check_outcome(values, "the outcome", source)
 
 
 def check_sessions(sessions: Sequence[str], name: str, source: str) -> None:

@@ -1,4 +1,4 @@
-"""Spaces of actions: one of n numbered actions, or any point of a box of A numbers.
+"""Spaces of actions: one of n numbered actions, or any point of a box of A numbers; and the codes of actions.
 
 A space tells the model how many numbers an action has and what may be done, and tells the simulator how to draw an
 action uniformly, how to turn one into a wrong one (`flip`, `shift`), and which answers of a policy it accepts.
@@ -10,8 +10,11 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rpil.data.archive import NOT_STORED, stored
+from rpil.data.arrays import check_squares
+from rpil.data.demonstrations import Demonstrations, DemonstrationSet
 from rpil.data.errors import DataError
 from rpil.numerics.types import Array
 
@@ -138,3 +141,67 @@ class Box:
 
 
 Space = Discrete | Box
+
+Bounds = tuple[ArrayLike, ArrayLike]
+"""Low and high end of every number of an action: a number for all, or (A,) numbers."""
+
+
+def action_space(data: DemonstrationSet, box: Bounds | None = None) -> tuple[Space, Array]:
+    """The space of the actions, and the K classes where they are discrete, else none.
+
+    `box` holds declared bounds of continuous actions; without it, they are the smallest box that holds the actions. A
+    `DataError` where all actions are the same, or too large or too alike to be squared, or `box` is none, or does not
+    hold the actions.
+    """
+    source = data.source
+    if data.is_discrete and box is not None:
+        raise DataError(f"{source}: the actions are discrete, which no action_box fits; leave it out.")
+    if data.is_discrete:
+        if len(data.classes) < 2:
+            only = repr(data.classes[0].item())
+            raise DataError(f"{source}: every action is {only}, one class only; give demonstrations with two at least.")
+        return Discrete(len(data.classes)), data.classes
+    ends = np.stack([data.low, data.high]).astype(float)
+    if (ends[0] == ends[1]).all():
+        raise DataError(f"{source}: every action is the same; give demonstrations with two at least.")
+    check_squares(ends, f"{source}: action")
+    space = Box.around(ends)
+    if box is not None:
+        try:
+            low, high = (np.broadcast_to(np.asarray(bound, dtype=float), space.n_parts) for bound in box)
+        except (TypeError, ValueError):
+            raise DataError(f"{source}: action_box={box!r}; give (low, high), numbers or one for each part.") from None
+        if not (low < high).all() or not np.isfinite([low, high]).all():
+            raise DataError(f"{source}: action_box={box!r} is empty or unbounded; give finite low < high.")
+        space = Box(low, high)
+    outside = np.argwhere((ends < space.low) | (ends > space.high))
+    if len(outside):
+        end, part = outside[0]
+        if isinstance(data, Demonstrations):
+            step = np.flatnonzero(data.actions[:, part] == ends[end, part])[0]
+            source = f"{source}, demonstration {data.ids[data.groups[step]]!r}"
+        raise DataError(
+            f"{source}: action {part} is {ends[end, part]:g}, outside the declared box from {space.low[part]:g} to "
+            f"{space.high[part]:g}; widen action_box, or clip the actions."
+        )
+    return space, np.empty(0)
+
+
+def encode_actions(classes: Array, actions: Array, source: str) -> Array:
+    """Codes (N,) of discrete actions among `classes` (K,); continuous actions (N, A) as floats if there are no classes.
+
+    A `DataError` names an action that is not among the classes.
+    """
+    if not len(classes):
+        return np.asarray(actions, dtype=float)
+    if classes.dtype.kind in "iu" and actions.dtype.kind in "iu" and np.array_equal(classes, np.arange(len(classes))):
+        codes = actions.clip(0, len(classes) - 1)  # they are codes already
+    else:
+        codes = np.searchsorted(classes, actions).clip(max=len(classes) - 1)
+    unknown = np.flatnonzero(classes[codes] != actions)
+    if len(unknown):
+        action, names = actions[unknown[0]].item(), ", ".join(map(str, classes))
+        raise DataError(
+            f"{source}: action {action!r} is not among the fitted ones ({names}); fit again with it, or leave it out."
+        )
+    return codes

@@ -38,8 +38,7 @@ class LinearPolicySpec:
         """The features: those asked for, or chosen by held-out steps of `weight` (N,)."""
         if self.features != "auto":
             return FeatureChoice(self.features, self.selection.maps.ridge_per_step)
-        seen, settings = data.observations, self.selection
-        return choose_features(seen, codes, data.offsets, weight, space, self.C, settings=settings)
+        return choose_features(FitData(data.observations, codes, data.offsets, space), weight, self.C, self.selection)
 
     def feature_map(self, choice: FeatureChoice, observations: Array, weight: Array) -> FeatureMap:
         """The features of the `choice`, fitted to the observations of the trusted steps."""

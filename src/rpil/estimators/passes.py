@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from functools import partial
-from operator import attrgetter
 
 import numpy as np
 
@@ -19,20 +18,9 @@ from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.results.evidence import StepEvidence, traces, worth_a_look
 from rpil.results.judged import Traces
-from rpil.results.record import Audit
-from rpil.results.step_weights import weights_of
-from rpil.scale.ascent import ascend, gather_steps
-from rpil.scale.fit import (
-    DesignMap,
-    JudgedSample,
-    StepWeights,
-    WeightedBlock,
-    judge_everyone,
-    policies_of_parts,
-    score_block,
-)
-from rpil.scale.local import LocalEngine
-from rpil.scale.protocol import Shards
+from rpil.results.step_weights import of_demonstrations, weights_of
+from rpil.scale.fit import DesignMap, JudgedSample, WeightedMap, ascend, judge_everyone, policies_of_parts, score_block
+from rpil.scale.local import LocalEngine, gathered
 
 MAX_DRAWN_STEPS = 100_000
 """Steps that are read again for traces."""
@@ -61,57 +49,53 @@ class SampledFit(FullFit):
         )
         return JudgeInput(demonstrations, options.judged(data), features, indices, blocks)
 
-    def extend(self, posed: JudgeInput, judgement: Judgement) -> tuple[Judgement, FittedJudge | None, FitData]:
-        task, options = self.task, self.options
+    def extend(self, posed: JudgeInput, judgement: Judgement) -> tuple[Judgement, FitData, JudgedSample | None]:
+        task, settings = self.task, self.options.settings.judge
         assert posed.blocks is not None
-        sample = _sample(posed, judgement, FittedJudge.of(judgement, posed.data, options.settings.judge))
-        options.progress("a pass over everything: scores")
+        assert posed.indices is not None
+        sample = JudgedSample(posed.data, posed.indices, judgement, FittedJudge.of(judgement, posed.data, settings))
+        self.options.progress("a pass over everything: scores")
         none, names = np.empty(0), posed.data.action_names
         everyone = FitData(
             none, none, task.source.offsets, task.space, demonstrators=task.demonstrators, action_names=names
         )
-        parts = policies_of_parts(posed.data, judgement, options.settings.judge)
-        scores = posed.blocks.map(
-            partial(score_block, judge=sample.judge, parts=parts, settings=options.settings.judge)
-        )
-        judgement = judge_everyone(sample, everyone, scores, options.settings.judge)
-        return judgement, replace(sample.judge, groups=judgement.scores.groups), everyone
+        parts = policies_of_parts(posed.data, judgement, settings)
+        scores = posed.blocks.map(partial(score_block, judge=sample.judge, parts=parts, settings=settings))
+        return judge_everyone(sample, everyone, scores, settings), everyone, sample
 
     def fit_policy(self, posed: JudgeInput, decided: FitResult) -> FitResult:
-        task, options, data = self.task, self.options, posed.data
+        task, options, sample, space = self.task, self.options, decided.sample, self.task.space
         assert posed.blocks is not None
-        sample = _sample(posed, decided.judgement, decided.judge)
-        weights = StepWeights.of(decided.audit, sample, options.settings.judge)
+        assert sample is not None
+        assert decided.judgement is not None
+        audit, trust, n_steps = decided.audit, of_demonstrations(decided.audit), int(task.source.offsets[-1])
+        parts = 1 + n_steps // options.settings.sample.block_steps
+        weights = map(np.repeat, np.array_split(trust, parts), np.array_split(audit.lengths, parts))
+        audit = replace(audit, step_log_ratio=decided.judgement.log_ratio, step_weight=gathered(weights, n_steps))
+        if audit.taken_over is not None:
+            audit = replace(audit, step_weight=weights_of(audit))
+        decided = replace(decided, audit=audit)
+        decided = replace(decided, audit=replace(audit, traces=self._traces(posed, decided, sample)))
         if not self.keeps_policy:
-            return replace(decided, audit=self._weigh(posed, decided, posed.blocks.then(weights))[0])
-        weight, space = weights.steps(data, sample.indices)[-1], task.space
+            return decided
+        data = sample.data
+        weight, total = data.per_step(trust[sample.indices]), float(trust @ audit.lengths)
         choice = options.linear.choice(posed.demonstrations, data.actions, weight, space)
         observations = posed.demonstrations.observations
         features = options.linear.feature_map(choice, observations, weight)
-        weights = replace(weights, final=DesignMap(features, task.space, task.classes))
         data = replace(data, features=features.design(observations, single=True))
-        blocks = posed.blocks.then(weights).kept(int(task.source.offsets[-1]))
-        audit, total = self._weigh(posed, decided, blocks)
+        blocks = posed.blocks.then(WeightedMap(DesignMap(features, space, task.classes), trust))
         ridge, final_ridge = (ridge_of(features, options.C, float(n), space) for n in (weight.sum(), total))
         zero, final = linear_policy(space, ridge, weight.sum()), linear_policy(space, final_ridge, total)
         first, _ = zero.fit(data, weight)
         start, hessian = first.with_preconditioner(data, weight, final.ridge, total / weight.sum())
-        policy = ascend(blocks, start, hessian, options.settings.ascent, options.progress)
-        return replace(decided, audit=audit, features=features, policy=policy.with_temperature(choice.temperature))
+        policy = ascend(blocks.kept(n_steps), start, hessian, options.settings.ascent, options.progress)
+        return replace(decided, features=features, policy=policy.with_temperature(choice.temperature))
 
-    def _weigh(self, posed: JudgeInput, decided: FitResult, blocks: Shards[WeightedBlock]) -> tuple[Audit, float]:
-        """The audit with the weights of all steps and with traces, and the sum of the weights."""
-        found = blocks.map(attrgetter("log_ratio", "weight"))
-        (log_ratio, step_weight), total = gather_steps(found, int(self.task.source.offsets[-1]))
-        audit = replace(decided.audit, step_log_ratio=log_ratio, step_weight=step_weight)
-        if audit.taken_over is not None:
-            audit = replace(audit, step_weight=weights_of(audit))
-        return replace(audit, traces=self._traces(posed, decided, audit)), total
-
-    def _traces(self, posed: JudgeInput, decided: FitResult, audit: Audit) -> dict[Hashable, Traces]:
+    def _traces(self, posed: JudgeInput, decided: FitResult, sample: JudgedSample) -> dict[Hashable, Traces]:
         """Those of the demonstrations most worth a look, as far as few steps are read for them."""
-        task, settings = self.task, self.options.settings.judge.held_out
-        sample = _sample(posed, decided.judgement, decided.judge)
+        task, audit, settings = self.task, decided.audit, self.options.settings.judge.held_out
+        assert decided.judgement is not None
         drawn = worth_a_look(audit)
         drawn = drawn[np.cumsum(audit.lengths[drawn]) <= MAX_DRAWN_STEPS]
         read = np.union1d(sample.indices, drawn)  # the sample says what is typical
@@ -121,13 +105,5 @@ class SampledFit(FullFit):
             expected = ratio.step_ratios(data.features, data.actions, settings)[0]
         else:
             expected = ratio.scaling.back(linear(data.features, ratio.weights))
-        evidence = StepEvidence.of(data, read, expected, ~sample.judgement.claims.lower[read], settings)
+        evidence = StepEvidence.of(data, read, expected, ~decided.judgement.claims.lower[read], settings)
         return traces(audit, evidence, drawn)
-
-
-def _sample(posed: JudgeInput, judgement: Judgement | None, judge: FittedJudge | None) -> JudgedSample:
-    """The sample, as it was judged."""
-    assert posed.indices is not None
-    assert judgement is not None
-    assert judge is not None
-    return JudgedSample(posed.data, posed.indices, judgement, judge)

@@ -11,24 +11,14 @@ from typing import Any
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
-from rpil.data.archive import (
-    VERSION,
-    Decoder,
-    encode,
-    read_archive,
-    rpil_version,
-    stored_name,
-    write_archive,
-)
+from rpil.data.archive import Decoder, encode, read_archive, write_archive
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, check_readable
+from rpil.data.files import StrPath
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.mixture.adversaries import named  # noqa: F401  a file may hold each of them
 from rpil.numerics.types import Array
-
-ESTIMATOR_SCHEMA = "rpil fitted estimator"
 
 SavedEstimator = RPIL | RMEnt | BehavioralCloning
 ESTIMATORS: dict[str, type[SavedEstimator]] = {"RPIL": RPIL, "RMEnt": RMEnt, "BehavioralCloning": BehavioralCloning}
@@ -39,8 +29,8 @@ FITTED = {
     "RMEnt": (*_POLICY, "ids_", "weights_", "log_likelihood_", "objective_", *_FIT),
     "RPIL": ("space_", "state_", "features_", "policy_", "lower_bound_", *_FIT),
 }
-"""The attributes of each estimator that a file holds; an audit is none, because `rpil.audit` makes it again.
-The state of the mixture comes before the features of the policy: it has others."""
+"""The attributes of each estimator that a file holds, in the order in which their sizes are compared: the state of the
+mixture has other features than the policy. An audit is none, because `rpil.audit` makes it again."""
 
 FITTED_ARRAYS = dict.fromkeys(("weights_", "log_likelihood_"), "M")
 _NAMES = ("feature_names_in_", "observation_names_")  # from data frames, and from `Demonstrations`
@@ -66,24 +56,15 @@ def save(estimator: SavedEstimator, path: StrPath) -> None:
     if ESTIMATORS.get(kind) is not type(estimator):
         raise DataError(f"{path}: a {kind} cannot be saved; save one of {', '.join(ESTIMATORS)}.")
     check_is_fitted(estimator)
-    if stored_name(estimator.policy_) is None:
-        made_of = getattr(estimator.policy_, "estimator", estimator.policy_)
-        raise DataError(
-            f"{path}: a policy made of a {type(made_of).__name__} cannot be saved without pickle; "
-            "keep the weights (rpil audit --weights, or audit_.step_weight) and fit it to them again."
-        )
     arrays: dict[str, Array] = {}
-    try:
-        fitted = {name: encode(getattr(estimator, name), name.strip("_"), arrays) for name in FITTED[kind]}
+    try:  # the policy first, which the message names
+        fitted = {name: encode(getattr(estimator, name), name.strip("_"), arrays) for name in reversed(FITTED[kind])}
     except TypeError as error:
         raise DataError(
-            f"{path}: an adversary of the class {error} cannot be saved without pickle; keep the weights "
-            "(audit_.step_weight), or fit with an adversary of rpil."
+            f"{path}: a {error} cannot be saved without pickle; leave it out, or keep the weights of the steps "
+            "(rpil audit --weights, or audit_.step_weight) and fit to them again."
         ) from None
     header = {
-        "schema": ESTIMATOR_SCHEMA,
-        "version": VERSION,
-        "rpil": rpil_version(),
         "class": kind,
         "names": {name: [*map(str, getattr(estimator, name))] for name in _NAMES if len(getattr(estimator, name, ()))},
         "params": _params(estimator, arrays),
@@ -101,15 +82,7 @@ def load(path: StrPath) -> SavedEstimator:
     DataError
         One sentence: no such file, no saved estimator, another version of the format, or a damaged file.
     """
-    path = check_readable(path)
-    header, arrays = read_archive(
-        path, ESTIMATOR_SCHEMA, "it is no policy that rpil saved; make one with rpil fit, or rpil.save"
-    )
-    if str(header.get("class")) not in ESTIMATORS:
-        raise DataError(
-            f"{path}: it holds a {str(header.get('class'))[:40]!r}, which rpil {rpil_version()} does not know; "
-            f"use rpil {str(header.get('rpil'))[:20]}, or fit and save again."
-        )
+    header, arrays = read_archive(path)
     try:
         estimator = _restore(header, Decoder(arrays))
         with np.errstate(all="ignore"):
@@ -139,8 +112,8 @@ def _restore(header: dict[str, Any], decoder: Decoder) -> SavedEstimator:
     estimator.classes_ = classes
     if header["fitted"].keys() != set(FITTED[kind]):
         raise KeyError("fitted")
-    for name, node in header["fitted"].items():
-        array = FITTED_ARRAYS.get(name)
+    for name in FITTED[kind]:
+        node, array = header["fitted"][name], FITTED_ARRAYS.get(name)
         setattr(estimator, name, decoder.array(node, array) if array else decoder.value(node))
     estimator.n_features_in_ = decoder.sizes["D"]
     for name, texts in header["names"].items():

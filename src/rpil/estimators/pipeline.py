@@ -36,10 +36,10 @@ from rpil.results.summary import audit_from_judgement, audit_from_mixture, parts
 if TYPE_CHECKING:
     from rpil.estimators.final_policy import LinearPolicySpec
     from rpil.estimators.task import ActionBox, Features, FinalPolicy
-    from rpil.inference.fitted_judge import FittedJudge
     from rpil.mixture.adversaries.protocol import Adversary
     from rpil.mixture.em import State
     from rpil.policies.protocol import CrossFittedPolicy
+    from rpil.scale.fit import JudgedSample
     from rpil.scale.protocol import Engine, Shards
 
 Progress = Callable[[str], None]
@@ -144,7 +144,7 @@ class JudgeInput:
     blocks: Shards[tuple[Block, FitData]] | None = None
     """All demonstrations as an engine holds them, where the decision reads a sample."""
     copies: Copies | None = None
-    """The copies among all demonstrations, where there are any."""
+    """The copies among all demonstrations, where the decision reads the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,8 +155,8 @@ class FitResult:
     features: Features
     """Of the final policy; those of the judge where no policy is kept."""
     policy: FinalPolicy | None = None
-    judge: FittedJudge | None = None
-    """Of a sample, which judges all others."""
+    sample: JudgedSample | None = None
+    """By which all others were judged, where the decision read a sample."""
     state: State | None = None
     """Of the mixture with a named adversary."""
     n_iter: int = 0
@@ -226,34 +226,30 @@ class FullFit:
         data = options.judged(self._data(different, features, copies.judged))
         return JudgeInput(different, data, features, copies=copies if copies.any else None)
 
-    def held_out(self, posed: JudgeInput) -> HeldOutModel:
-        """The policies that score demonstrations from which they did not learn."""
-        data, settings = posed.data, self.options.settings.judge.held_out
-        if self.options.policy is None:
-            return held_out_model(data, settings)
-        return HeldOutPolicy(data, self.options.cross_fitted(data.space, len(data.actions)), settings)
-
     def decide(self, posed: JudgeInput) -> FitResult:
         """The decision of the judge about all demonstrations, with the answers that were given."""
         task, options, copies, judge_settings = self.task, self.options, posed.copies, self.options.settings.judge
-        learner = options.linear_data(posed) if self.keeps_policy else None
+        data, learner = posed.data, options.linear_data(posed) if self.keeps_policy else None
         with_prior = replace(judge_settings, parts=replace(judge_settings.parts, prior=options.settings.mixture.prior))
-        judgement = judge(posed.data, self.held_out(posed), with_prior, options.progress, learner)
-        judgement, judge_of_all, data = self.extend(posed, judgement)
+        model: HeldOutModel = held_out_model(data, judge_settings.held_out)
+        if options.policy is not None:
+            model = HeldOutPolicy(data, options.cross_fitted(data.space, len(data.actions)), judge_settings.held_out)
+        judgement, data, sample = self.extend(posed, judge(data, model, with_prior, options.progress, learner))
         # An audit answers like the judge, and without a policy its weights are for other trainings.
         settings = replace(options.settings.audit, judge=judge_settings, weighs_for_learner=self.keeps_policy)
-        audit = audit_from_judgement(judgement, data, task.source.ids, task.answers, settings)
+        told = judgement if sample is None else replace(judgement, log_ratio=np.empty(0))  # its steps are on disk
+        audit = audit_from_judgement(told, data, task.source.ids, task.answers, settings)
         notes = *audit.notes, *parts_not_judged(posed.data), "" if copies is None else copies.sentence
         history, audit = judgement.scores.fit.history, replace(audit, notes=tuple(filter(None, notes)))
-        decided = FitResult(audit, posed.features, judge=judge_of_all, judgement=judgement)
+        decided = FitResult(audit, posed.features, sample=sample, judgement=judgement)
         return replace(decided, n_iter=len(history), lower_bound=float(history[-1]))
 
-    def extend(self, posed: JudgeInput, judgement: Judgement) -> tuple[Judgement, FittedJudge | None, FitData]:
-        """The judgement of all demonstrations, of a sample its judge, and the data of all."""
+    def extend(self, posed: JudgeInput, judgement: Judgement) -> tuple[Judgement, FitData, JudgedSample | None]:
+        """The judgement of all demonstrations, and their data; and the sample that was judged, if it was one."""
         if posed.copies is None:
-            return judgement, None, posed.data
+            return judgement, posed.data, None
         every = self._data(self.task.demonstrations, posed.features)
-        return repeated(judgement, posed.copies, every.offsets), None, every
+        return repeated(judgement, posed.copies, every.offsets), every, None
 
     def _data(self, demonstrations: Demonstrations, features: Features, rows: Indices = slice(None)) -> FitData:
         """The data of the demonstrations at `rows`, with labels and demonstrators."""

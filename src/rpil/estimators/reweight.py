@@ -22,7 +22,7 @@ from rpil.inference.settings import JudgeSettings
 from rpil.inference.trust import judge, repeated
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, FeatureSettings
-from rpil.policies.folds import deal
+from rpil.policies.folds import deal, out_of_fold
 from rpil.results.record import Audit
 from rpil.results.settings import AuditSettings
 from rpil.results.summary import IN_SAMPLE_POLICY, assumption_sentences, audit_from_judgement
@@ -138,11 +138,7 @@ class TrainedPolicy(HeldOutModel):
         return new
 
     def _held_out(self, copies: Sequence[object]) -> Array:
-        log_prob = np.empty(len(self.fold))
-        for k, copy in enumerate(copies):
-            rows = np.flatnonzero(self.fold == k)
-            log_prob[rows] = self._evaluate_policy(copy, rows)
-        return log_prob
+        return out_of_fold(self.fold, lambda k, test: self._evaluate_policy(copies[k], np.flatnonzero(test)))
 
     def _evaluate_policy(self, policy: object, rows: Array) -> Array:
         given = self.log_prob(policy, self.data.observations[rows], self.data.actions[rows])
@@ -151,12 +147,10 @@ class TrainedPolicy(HeldOutModel):
         try:
             log_prob = np.asarray(given, dtype=float)
         except (TypeError, ValueError):
-            raise DataError(f"log_prob returned {type(given).__name__}; let it return {len(rows)} numbers.") from None
+            log_prob = np.empty(())
         if log_prob.shape != (len(rows),):
-            raise DataError(
-                f"log_prob returned the shape {log_prob.shape} for {len(rows)} steps; let it return ({len(rows)},), "
-                "the log-probability of each action taken."
-            )
+            what = f"log_prob returned {type(given).__name__} of shape {log_prob.shape} for {len(rows)} steps"
+            raise DataError(f"{what}; let it return ({len(rows)},), the log-probability of each action taken.")
         wrong = np.flatnonzero(np.isnan(log_prob) | (log_prob == np.inf))
         if len(wrong):
             step, m = rows[wrong[0]], self.data.groups[rows[wrong[0]]]

@@ -17,7 +17,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
-from operator import index
 from typing import Literal
 
 import numpy as np
@@ -29,10 +28,9 @@ from threadpoolctl import threadpool_limits
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.estimators.cloning import PolicyEstimator
+from rpil.estimators.cloning import PolicyEstimator, as_demonstrations
 from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.estimators.task import Task
-from rpil.estimators.validation import as_demonstrations
 from rpil.numerics.parallel import in_parallel
 from rpil.numerics.types import Array
 from rpil.policies.features import ridge_of
@@ -104,12 +102,7 @@ def starts(n_demonstrations: int, n_trusted: int, n_starts: int, rng: np.random.
 
 
 def search(
-    data: FitData,
-    policy: Policy,
-    n_trusted: int,
-    subsets: Sequence[Array],
-    tol: float,
-    max_iter: int,
+    data: FitData, policy: Policy, n_trusted: int, subsets: Sequence[Array], tol: float, max_iter: int
 ) -> Selection:
     """The best selection from starts with policies fitted to the `subsets` (M,)."""
 
@@ -243,13 +236,9 @@ class RMEnt(PolicyEstimator):
         given = self.n_trusted
         if isinstance(given, float | np.floating) and 0 < given < 1:
             return ceil(round(given * n_demonstrations, 9))  # .28 of 25 is 7, whatever floating point says
-        try:
-            number = index(given)  # type: ignore[arg-type]
-        except TypeError:
-            number = 0
-        if not 1 <= number <= n_demonstrations:
+        if not isinstance(given, int | np.integer) or not 1 <= given <= n_demonstrations:
             raise DataError(
                 f"{source}: n_trusted={given!r} of {n_demonstrations} demonstrations; give a whole number from 1 to "
                 f"{n_demonstrations}, or a share between 0 and 1."
             )
-        return number
+        return int(given)

@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike
 from rpil.data.demonstrator_groups import DemonstratorNames
 from rpil.data.files import StrPath
 from rpil.data.recorded_facts import Outcome
-from rpil.estimators.cloning import PolicyEstimator
+from rpil.estimators.cloning import Given, PolicyEstimator, as_demonstrations, see
 from rpil.estimators.pipeline import FitOptions, FitResult, learn
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import ActionBox, Labels, Task, answers_of
-from rpil.estimators.validation import Given, as_demonstrations, see
 from rpil.estimators.within_tasks import Statements, fit_task, fit_within_tasks, groups_of
 from rpil.formats.columns import Names
 from rpil.formats.dataset import Dataset

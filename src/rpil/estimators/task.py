@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rpil.data.coding import action_space, encode_actions
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.demonstrator_groups import DemonstratorNames, Demonstrators, group_by_demonstrator
 from rpil.data.errors import DataError
@@ -21,7 +20,7 @@ from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
 from rpil.data.id_values import check_ids, label_codes, match_pairs, parse_labels, read_answers
 from rpil.data.recorded_facts import Outcome, given_outcome, tells
-from rpil.data.spaces import Space
+from rpil.data.spaces import Space, action_space, encode_actions
 from rpil.formats.columns import Names
 from rpil.formats.dataset import Dataset
 from rpil.inference.answers import Answers

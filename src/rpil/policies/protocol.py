@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Protocol, runtime_checkable
 
 from rpil.data.fit_data import FitData
-from rpil.numerics.blocks import Sums
-from rpil.numerics.newton import CurvatureHistory, Preconditioner
 from rpil.numerics.types import Array, Float, Num
 
 Outputs = Float[Array, "N O"]
@@ -63,30 +61,3 @@ class Policy(ActionModel, Protocol):
 
     def with_temperature(self, temperature: float) -> Policy:
         """The policy with its logits multiplied by `temperature`; a policy without logits is unchanged."""
-
-
-@runtime_checkable
-class AdditivePolicy(Policy, Protocol):
-    """A policy that can also be fitted by sums over parts of the data, which may lie in several places."""
-
-    def with_preconditioner(
-        self, data: FitData, weight: Float[Array, " N"], ridge: Float[Array, " D"], factor: float
-    ) -> tuple[AdditivePolicy, Preconditioner | None]:
-        """From a weighted sample, prepare m-steps on data with `factor` times its weight, and `ridge` for all data.
-
-        Returns the policy with that ridge, and the preconditioner if its `m_step` needs one.
-        """
-
-    def collect_suff_stats(self, features: Array, actions: Array, weight: Array) -> tuple[Array, Sums]:
-        """log pi of the actions taken, and the sums over weighted steps that `m_step` needs."""
-
-    def m_step(
-        self, statistics: Sums, radius: float, preconditioner: Preconditioner | None, history: CurvatureHistory
-    ) -> tuple[AdditivePolicy, CurvatureHistory]:
-        """The policy after one improving step, given the sums over all steps of the data, and the extended history.
-
-        No coefficient moves by more than `radius`, which is finite where an unlimited step lowered the objective.
-        """
-
-    def gradient_norm(self, statistics: Sums) -> float:
-        """Distance from the optimum: the largest entry of the gradient, or predicted gains in nats if larger."""

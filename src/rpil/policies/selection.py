@@ -20,11 +20,11 @@ from scipy.linalg import solve
 from scipy.optimize import minimize_scalar
 
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Discrete, Space
+from rpil.data.spaces import Discrete
 from rpil.numerics.blocks import linear, log_softmax, one_hot
 from rpil.numerics.newton import NewtonSettings, fit_softmax
 from rpil.numerics.regression import MIN_WEIGHT, column_scales, normal_equations
-from rpil.numerics.types import Array, Float, Int, Num
+from rpil.numerics.types import Array, Float
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.folds import deal, out_of_fold, pieces
 from rpil.policies.settings import SelectionSettings
@@ -65,23 +65,14 @@ class _Candidate(NamedTuple):
 
 
 def choose_features(
-    observations: Num[Array, "N D"],
-    codes: Num[Array, "N ..."],
-    offsets: Int[Array, " M_plus_1"],
-    weight: Float[Array, " N"],
-    space: Space,
-    C: float | None = None,
-    *,
-    settings: SelectionSettings,
+    seen: FitData, weight: Float[Array, " N"], C: float | None, settings: SelectionSettings
 ) -> FeatureChoice:
     """The feature map, ridge and temperature under which held-out demonstrations are predicted best.
 
-    `codes` are the actions in `space`, 0 .. K-1 or numbers, and `weight` is the trust in each step; demonstration m has
-    the steps ``offsets[m]:offsets[m + 1]``. Where `C`, scikit-learn's inverse ridge strength, is given, no ridge is
-    chosen.
+    `seen` are their observations, in the place of features, and `weight` is the trust in each step. Where `C`,
+    scikit-learn's inverse ridge strength, is given, no ridge is chosen.
     """
-    everything = FitData(observations, codes, offsets, space)
-    sample = _sample(everything, weight, settings)
+    sample, space = _sample(seen, weight, settings), seen.space
     data, weight, discrete = sample.data, sample.weight, isinstance(space, Discrete)
     observations, ones = data.features, np.ones(len(weight))
     targets = one_hot(data.actions, ones, space.n) if isinstance(space, Discrete) else data.actions

@@ -91,7 +91,10 @@ class SoftmaxPolicy:
     def m_step(
         self, statistics: Sums, radius: float, preconditioner: Preconditioner | None, history: CurvatureHistory
     ) -> tuple[SoftmaxPolicy, CurvatureHistory]:
-        """One L-BFGS step, and the history with this point."""
+        """One L-BFGS step, given the sums over all steps of the data, and the history with this point.
+
+        No coefficient moves by more than `radius`, which is finite where an unlimited step lowered the objective.
+        """
         assert preconditioner is not None
         # Rows contiguous, as arrays are kept: the order in which an array is summed shows in the last bit.
         history = np.array([*history[-HISTORY_LENGTH:], (self.weights, self.penalised_gradient(statistics))])

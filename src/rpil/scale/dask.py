@@ -11,18 +11,16 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from functools import cache, reduce
 from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.numerics.blocks import Sums, add
-from rpil.numerics.types import Array
 from rpil.scale.local import identity
 from rpil.scale.protocol import R, Shards, T
 
@@ -59,36 +57,30 @@ class DaskEngine:
 
     @property
     def n_shards(self) -> int:
-        with _Passes().guarded():
+        with _guarded():
             return self._n_shards or max(1, _SHARDS_PER_THREAD * sum(self.client.nthreads().values()))
 
     def place(self, shards: Sequence[Iterable[T]]) -> Shards[T]:
         from dask import config
 
-        passes = _Passes()
-        with passes.guarded(), config.set({"distributed.admin.large-graph-warning-threshold": "1 PB"}):
+        with _guarded(), config.set({"distributed.admin.large-graph-warning-threshold": "1 PB"}):
             self.client.wait_for_workers(1, _WORKER_TIMEOUT)
             workers = cycle(self.client.nthreads())  # in turn: else Dask may give most shards to one of them
             where = ({"workers": [next(workers)], "allow_other_workers": True} for _ in shards)
             futures = [self.client.submit(_read, k, pure=False, **at) for k, at in zip(shards, where, strict=True)]
-        return RemoteBlocks(self.client, futures, passes)
+        return RemoteBlocks(self.client, futures)
 
 
-@dataclass
-class _Passes:
-    """Counts the passes over the data; where the cluster fails, whatever it raises, names the one that was reached."""
-
-    n: int = 0
-
-    @contextmanager
-    def guarded(self) -> Iterator[None]:
-        reached = f"in pass {self.n} over the data" if self.n else "before the first pass over the data"
-        remedy = "start it again, with more memory if it killed workers, and fit again"
-        with guarded(f"The Dask cluster, {reached}", "it was lost", remedy):
-            try:
-                yield
-            except asyncio.CancelledError as error:  # which is no `Exception`
-                raise CancelledError(*error.args) from error
+@contextmanager
+def _guarded() -> Iterator[None]:
+    """Make one sentence of whatever a cluster that fails raises."""
+    with guarded(
+        "The Dask cluster", "it was lost", "start it again, with more memory if it killed workers, and fit again"
+    ):
+        try:
+            yield
+        except asyncio.CancelledError as error:  # which is no `Exception`
+            raise CancelledError(*error.args) from error
 
 
 @dataclass(frozen=True)
@@ -97,7 +89,6 @@ class RemoteBlocks(Shards[T]):
 
     client: Client
     futures: Sequence[Future]
-    passes: _Passes
 
     def map(self, function: Callable[[T], R]) -> Iterator[R]:
         """Workers work on all shards at once; the results come in order."""
@@ -109,15 +100,14 @@ class RemoteBlocks(Shards[T]):
         return reduce(add, self.run(_total, function))
 
     def then(self, function: Callable[[T], R]) -> Shards[R]:
-        with self.passes.guarded():  # the function is sent once, because it may hold numbers for all demonstrations
+        with _guarded():  # the function is sent once, because it may hold numbers for all demonstrations
             there = self.client.submit(identity, function, pure=False)
-            futures = [self.client.submit(_apply, shard, there, pure=False) for shard in self.futures]
-        return RemoteBlocks(self.client, futures, self.passes)
+            futures = [self.client.submit(_map, shard, there, pure=False) for shard in self.futures]
+        return RemoteBlocks(self.client, futures)
 
     def run(self, task: Callable[..., R], function: Callable[[T], object]) -> Iterator[R]:
         """The result of a task for each shard, in order."""
-        self.passes.n += 1
-        with self.passes.guarded():
+        with _guarded():
             tasks = deque(self.client.map(task, self.futures, function=function, pure=False))
             while tasks:
                 yield self._wait_for(tasks.popleft())  # so that workers release it
@@ -130,27 +120,10 @@ class RemoteBlocks(Shards[T]):
                 self.client.wait_for_workers(1, _WORKER_TIMEOUT)
 
 
-@dataclass(frozen=True, eq=False)
-class WorkerBlocks:
-    """The blocks of a shard on a worker, and the bytes that they need besides the arrays of their parents."""
-
-    blocks: list[Any]
-    nbytes: int
-
-    @classmethod
-    def of(cls, blocks: Iterable[object], parents: Sequence[object] = ()) -> WorkerBlocks:
-        """Blocks made from `parents`, with which they share arrays."""
-        blocks, shared = list(blocks), _arrays(parents)
-        return cls(blocks, sum(array.nbytes for key, array in _arrays(blocks).items() if key not in shared))
-
-    def __sizeof__(self) -> int:
-        return self.nbytes  # Dask asks for it to know the cost of moving the blocks
-
-
-def _read(shard: Iterable[object]) -> WorkerBlocks:
+def _read(shard: Iterable[T]) -> list[T]:
     """On a worker: read the blocks of a shard, or take those that were sent."""
     try:
-        return WorkerBlocks.of(shard)
+        return list(shard)
     except DataError as error:
         if not isinstance(error.__cause__, OSError):
             raise
@@ -158,18 +131,13 @@ def _read(shard: Iterable[object]) -> WorkerBlocks:
         raise DataError(f"{message}; put them where all workers find them under the same path.") from error
 
 
-def _apply(shard: WorkerBlocks, function: Callable[[Any], object]) -> WorkerBlocks:
-    """On a worker: apply a function to each block and keep the results."""
-    return WorkerBlocks.of(_map(shard, function), parents=shard.blocks)
-
-
-def _map(shard: WorkerBlocks, function: Callable[[Any], R]) -> list[R]:
+def _map(shard: list[T], function: Callable[[T], R]) -> list[R]:
     """On a worker: apply a function to each block."""
     _configure_worker()
-    return [function(block) for block in shard.blocks]
+    return [function(block) for block in shard]
 
 
-def _total(shard: WorkerBlocks, function: Callable[[Any], Sums]) -> Sums:
+def _total(shard: list[T], function: Callable[[T], Sums]) -> Sums:
     """On a worker: add up the results of a function for each block."""
     return reduce(add, _map(shard, function))
 
@@ -185,13 +153,3 @@ def _configure_worker() -> None:
     with suppress(OSError, AttributeError):  # another C library
         for which in (_TRIM_THRESHOLD, _MMAP_THRESHOLD):
             ctypes.CDLL(None).mallopt(which, _FREE_BYTES)
-
-
-def _arrays(value: object) -> dict[int, Array]:
-    """All arrays within blocks, by identity."""
-    if isinstance(value, np.ndarray):
-        return {id(value): value}
-    if is_dataclass(value):
-        value = [getattr(value, f.name) for f in fields(value)]
-    members = value if isinstance(value, list | tuple) else ()
-    return {key: array for member in members for key, array in _arrays(member).items()}

@@ -1,23 +1,22 @@
 """Steps of a fit to data larger than a sample: each is one pass over all blocks.
 
 A few hundred demonstrations say as well as a million what an expert does. So the judge reads a sample. One pass scores
-every demonstration by the policy of the sample; groups are fitted to all scores; a second pass computes the step
-weights; `rpil.scale.ascent` fits the final policy to the weighted steps. An engine moves parameters, sums and a few
-numbers for each demonstration, and never the steps.
+every demonstration by the policy of the sample; groups are fitted to all scores; further passes fit the final policy
+to the weighted steps. An engine moves parameters, sums, a few numbers for each demonstration and one for each step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from rpil.data.coding import encode_actions
 from rpil.data.demonstrations import Block
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Space
+from rpil.data.spaces import Space, encode_actions
 from rpil.inference.channels import channels, columns_of, components, summaries
 from rpil.inference.fitted_judge import FittedJudge, Ratio, fit_ratio
 from rpil.inference.groups import fit_groups
@@ -25,10 +24,14 @@ from rpil.inference.outliers import widened
 from rpil.inference.scores import mean_variance
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trust import Judgement
+from rpil.numerics.blocks import Sums
+from rpil.numerics.newton import Preconditioner
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap
-from rpil.results.record import Audit
-from rpil.results.step_weights import of_demonstrations
+from rpil.policies.linear import LinearPolicy
+from rpil.scale.local import gathered
+from rpil.scale.protocol import Shards
+from rpil.scale.settings import AscentSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,19 +63,8 @@ class BlockScores(NamedTuple):
     """Nats a step by which the policy of one of two parts explains the demonstration better than that of the other."""
     summaries: Array
     """In single precision: a hundred numbers or more for each demonstration."""
-
-    @classmethod
-    def join(cls, blocks: Iterable[BlockScores], n_demonstrations: int) -> BlockScores:
-        """Those of all blocks, which come in order, each let go when it is copied."""
-        joined, first = None, 0
-        for block in blocks:
-            joined = joined or cls(*(np.empty((n_demonstrations, *v.shape[1:]), v.dtype) for v in block))
-            last = first + len(block.score)
-            for everyone, values in zip(joined, block, strict=True):
-                everyone[first:last] = values
-            first = last
-        assert joined is not None
-        return joined
+    log_ratio: Array
+    """Of each step, in nats."""
 
 
 def score_block(
@@ -87,7 +79,7 @@ def score_block(
     by_part = [part.step_ratios(data.features, data.actions, settings.held_out)[0] for part in parts]
     side = data.mean_steps(by_part[0] - by_part[1]) if by_part else np.zeros(data.n_demonstrations)
     summed = summaries(data, actions).astype(np.float32)
-    return BlockScores(score, squares, data.mean_steps(log_ratio > 0), described, side, summed)
+    return BlockScores(score, squares, data.mean_steps(log_ratio > 0), described, side, summed, log_ratio)
 
 
 def policies_of_parts(data: FitData, judged: Judgement, settings: JudgeSettings) -> tuple[Ratio, ...]:
@@ -113,10 +105,18 @@ def judge_everyone(
 ) -> Judgement:
     """The judgement of all demonstrations, without their steps in `data`, by the scores of the blocks in order.
 
-    The finding is that of the sample; outside it, groups and verdicts are by the scores alone.
+    The finding is that of the sample; outside it, groups and verdicts are by the scores alone. The log-ratios of the
+    steps are in a temporary file.
     """
-    score, squares, reliability, described, side, summed = BlockScores.join(blocks, data.n_demonstrations)
-    judge, lengths, judged = sample.judge, data.lengths, sample.judgement
+    judge, lengths, judged, rows = sample.judge, data.lengths, sample.judgement, list[tuple[Array, ...]]()
+
+    def steps() -> Iterator[Array]:
+        for *of_demonstrations, log_ratio in blocks:
+            rows.append(tuple(of_demonstrations))
+            yield log_ratio
+
+    log_ratio = gathered(steps(), int(data.offsets[-1]))
+    score, squares, reliability, described, side, summed = map(np.concatenate, zip(*rows, strict=True))
     score[sample.indices] = judged.scores.score  # held out, as the scores of all others are
     variance = mean_variance(squares, lengths, judge.step_variance, settings.variance_steps)
     groups = fit_groups(score, variance, lengths, settings.groups)
@@ -126,43 +126,75 @@ def judge_everyone(
     columns = columns_of(described, components(summed, settings.channels), scores.log_odds, settings.answers)
     own, part = np.arange(len(score)), np.abs(judged.part[0]) * np.where(side > 0, 1.0, -1.0)
     part[sample.indices] = judged.part
-    return Judgement(scores, columns, judged.states, claims, own, reliability, np.empty(0), part)
+    return Judgement(scores, columns, judged.states, claims, own, reliability, log_ratio, part)
 
 
 class WeightedBlock(NamedTuple):
     """The steps of a block, from which the final policy learns."""
 
     features: Array
-    """Of the final policy."""
     actions: Array
-    log_ratio: Array
     weight: Array
-    """Log-ratios of the steps in nats, and their weights."""
 
 
 @dataclass(frozen=True, eq=False)
-class StepWeights:
+class WeightedMap:
     """A block to a `WeightedBlock`."""
 
-    judge: FittedJudge
+    design: DesignMap
+    """With the features of the final policy."""
     trust: Array
     """Weight of each demonstration (`rpil.results.step_weights`)."""
-    settings: JudgeSettings
-    final: DesignMap | None = None
-    """The map with the features of the final policy, where they are not the judge's."""
-
-    @classmethod
-    def of(cls, audit: Audit, sample: JudgedSample, settings: JudgeSettings) -> StepWeights:
-        """The weights under an audit, by the policies of a sample."""
-        return cls(sample.judge, of_demonstrations(audit), settings)
 
     def __call__(self, prepared: tuple[Block, FitData]) -> WeightedBlock:
-        block, data = prepared
-        steps = self.steps(data, block.demonstrations)
-        features = self.final(block)[1].features if self.final else data.features
-        return WeightedBlock(features, data.actions, *steps)
+        block, data = self.design(prepared[0])
+        return WeightedBlock(data.features, data.actions, data.per_step(self.trust[block.demonstrations]))
 
-    def steps(self, data: FitData, demonstrations: slice | Array) -> tuple[Array, Array]:
-        """Log-ratios and weights of the steps, (N,) each, of some of the demonstrations."""
-        _, log_ratio, _ = self.judge.ratio.step_ratios(data.features, data.actions, self.settings.held_out)
-        return log_ratio, np.repeat(self.trust[demonstrations], data.lengths)
+
+def block_statistics(block: WeightedBlock, policy: LinearPolicy) -> Sums:
+    """Log-likelihood, sufficient statistics and weight of the steps of a block."""
+    log_prob, statistics = policy.collect_suff_stats(block.features, block.actions, block.weight)
+    return block.weight @ log_prob, statistics, block.weight.sum()
+
+
+def ascend(
+    shards: Shards[WeightedBlock],
+    policy: LinearPolicy,
+    hessian: Preconditioner | None,
+    settings: AscentSettings,
+    progress: Callable[[str], None],
+) -> LinearPolicy:
+    """Maximise the penalised log-likelihood of all weighted steps, from a `policy` on; returns the policy.
+
+    A step that lowers the objective, because the `hessian` of the sample (`SoftmaxPolicy.with_preconditioner`) is too
+    small somewhere, is taken again within a radius (Levenberg and Marquardt), which grows with every success. The
+    sample has fifty steps for each coefficient, so that each pass removes most of the remaining error.
+    """
+
+    def objective(policy: LinearPolicy) -> tuple[float, Sums]:
+        sums = shards.total(partial(block_statistics, policy=policy))
+        return float(sums[0]) - policy.penalty(), sums
+
+    radius, curvature = np.inf, np.empty((0, 2, 0, 0))
+    value, sums = objective(policy)
+    least, reached, idle = np.inf, -np.inf, 0  # gradient and objective at the last progress, and the passes since then
+    for n in range(1, settings.max_passes + 1):
+        progress(f"pass {n} over everything, objective {value:.6g}")
+        gradient, rounding = policy.gradient_norm(sums[1]), settings.rounding * abs(value)
+        idle = 0 if gradient <= 0.5 * least or value - reached >= settings.patience * rounding else idle + 1
+        if gradient <= settings.tol * sums[2] or idle == settings.patience:
+            break
+        if not idle:
+            least, reached = min(least, gradient), value
+        before = curvature
+        candidate, curvature = policy.m_step(sums[1], radius, hessian, before)
+        new_value, new_sums = objective(candidate)
+        while not new_value >= value - rounding:
+            radius = min(settings.radius, radius / 8)
+            if radius < settings.min_radius:
+                return policy
+            candidate, curvature = policy.m_step(sums[1], radius, hessian, before)
+            new_value, new_sums = objective(candidate)
+        policy, value, sums = candidate, new_value, new_sums
+        radius = 2.0 * radius if radius < settings.radius else np.inf
+    return policy

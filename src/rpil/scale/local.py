@@ -109,3 +109,11 @@ class StepFile:
             np.asarray(np.memmap(self._file, row, "r", begin + steps.start * row.itemsize, n_steps))
             for row, begin in self._arrays
         ]
+
+
+def gathered(blocks: Iterable[Array], n_steps: int) -> Array:
+    """One array of `n_steps` steps, whose parts come in order, in a temporary file."""
+    file = StepFile(n_steps)
+    for block in blocks:
+        file.append((block,))
+    return file.read(slice(0, n_steps))[0]

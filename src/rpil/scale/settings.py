@@ -57,7 +57,7 @@ class SampleSettings:
 
 @settings_record(tol="[0, inf)", rounding="[0, inf)")
 class AscentSettings:
-    """The fit of the final policy by passes (`rpil.scale.ascent`). All values were chosen by hand, not tuned."""
+    """The fit of the final policy by passes (`rpil.scale.fit.ascend`). All values were chosen by hand, not tuned."""
 
     tol: float = 1e-6
     """Largest entry of the gradient, a step, at which the policy is fitted: its actions no longer change."""

@@ -20,9 +20,6 @@ from rpil.data.guard import in_words
 from rpil.data.spaces import Box, Discrete, Space
 from rpil.numerics.types import Array
 
-Untyped = Any
-"""What Gymnasium has no types for."""
-
 
 @runtime_checkable
 class Player(Protocol):
@@ -108,7 +105,7 @@ def record(
     if n_episodes < 1:
         return []
     steps: list[tuple[Array, ...]] = []
-    envs: list[Untyped] = []
+    envs: list[Any] = []
     seeds = np.random.SeedSequence(seed).generate_state(n_episodes).tolist()
     try:
         # One environment per episode, never reused: a physics engine may keep state beyond a reset.
@@ -152,7 +149,7 @@ def _actions(policy: Player, observations: Array, env_id: str, space: Space) -> 
     return actions
 
 
-def make(env_id: str) -> Untyped:
+def make(env_id: str) -> Any:
     """Make a `gymnasium.Env` by its id with a version, or by "module:id" where another module registers it.
 
     A `DataError` where it cannot be made; a `MissingExtraError` where Gymnasium, or a package that the environment
@@ -175,7 +172,7 @@ def make(env_id: str) -> Untyped:
             ) from error
 
 
-def actions_of(env: Untyped) -> Space:
+def actions_of(env: Any) -> Space:
     """The actions of an environment; a `DataError` unless they are Discrete or a flat float Box, and observations flat.
 
     Other environments cannot be played.

@@ -50,28 +50,16 @@ def assert_uniform(actions, n_actions=K):
 def test_seeded_and_leaves_its_input_alone(kind, of, request):
     episode = request.getfixturevalue(of)
     before = [part.copy() for part in episode]
-    first, again = spoil(kind, episode), spoil(kind, episode)
+    first, again, other = (spoil(kind, episode, seed) for seed in (0, 0, 1))
     for one, two, part, copy in zip(first, again, episode, before, strict=True):
         np.testing.assert_array_equal(one, two)
         np.testing.assert_array_equal(part, copy)
         assert not np.shares_memory(one, part)
         assert one.dtype == part.dtype
         assert one.shape == part.shape
-
-
-@pytest.mark.parametrize("of", ["episode", "continuous"])
-@pytest.mark.parametrize("kind", ["corrupted", "noisy", "window", "sensor"])
-def test_another_seed_spoils_otherwise(kind, of, request):
-    episode = request.getfixturevalue(of)
-    first, other = spoil(kind, episode, 0), spoil(kind, episode, 1)
-    assert not all(np.array_equal(one, two) for one, two in zip(first, other, strict=True))
-
-
-@pytest.mark.parametrize("of", ["episode", "continuous"])
-@pytest.mark.parametrize("kind", [kind for kind in CORRUPTIONS if kind != "sensor"])
-def test_observations_stay_the_experts(kind, of, request):
-    episode = request.getfixturevalue(of)
-    np.testing.assert_array_equal(spoil(kind, episode)[0], episode[0])
+    np.testing.assert_array_equal((first[0] == episode[0]).all(), kind != "sensor")
+    is_random = kind not in ("flip", "shift")
+    assert all(np.array_equal(one, two) for one, two in zip(first, other, strict=True)) != is_random
 
 
 def test_corrupted_draws_uniformly_whatever_the_expert_did(episode):
@@ -79,19 +67,6 @@ def test_corrupted_draws_uniformly_whatever_the_expert_did(episode):
     assert_uniform(actions)
     for k in range(K):
         assert_uniform(actions[episode[1] == k])
-
-
-@pytest.mark.parametrize(("n_actions", "wanted"), [(2, [1, 0]), (3, [2, 1, 0]), (4, [3, 1, 2, 0])])
-def test_flip_swaps_first_and_last(n_actions, wanted):
-    actions = np.arange(n_actions)
-    space = Discrete(n_actions)
-    flipped = CORRUPTIONS["flip"](np.zeros((n_actions, 1)), actions, space, np.random.default_rng(0))[1]
-    np.testing.assert_array_equal(flipped, wanted)
-
-
-def test_shift_moves_every_action_on_by_one():
-    shifted = CORRUPTIONS["shift"](np.zeros((5, 1)), np.array([0, 1, 2, 3, 0]), NUMBERED, np.random.default_rng(0))[1]
-    np.testing.assert_array_equal(shifted, [1, 2, 3, 0, 1])
 
 
 def assert_fills_the_box(actions):
