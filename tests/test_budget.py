@@ -20,17 +20,17 @@ ROOT = TOOL["ROOT"]
 
 BUDGETS = {
     "cli": (2621, 24),
-    "data": (3039, 35),
-    "estimators": (2191, 19),
+    "data": (2938, 35),
+    "estimators": (2089, 19),
     "faults": (2254, 79),
     "formats": (6936, 73),
-    "inference": (2136, 88),
+    "inference": (2144, 89),
     "mixture": (797, 20),
     "numerics": (556, 14),
-    "policies": (1354, 49),
+    "policies": (1319, 49),
     "results": (3023, 50),
-    "scale": (681, 21),
-    "simulation": (428, 0),
+    "scale": (593, 20),
+    "simulation": (425, 0),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 

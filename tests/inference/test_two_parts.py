@@ -49,7 +49,8 @@ def trusted(gains, monkeypatch, outlier=NOBODY, score=None, n=10, ridge=1e-2, **
     scores = replace(scores, fit=replace(scores.fit, ridge=ridge))
     found = two_parts(data, scores, outlier, settings)
     assert set(ridges) == {ridge or 1e-4}  # the policy of a user has none: the weakest
-    assert asked == [(data, replace(settings.held_out, max_left_out=0))]
+    of_parts = replace(settings.held_out, max_left_out=0, tol=settings.parts.tol)
+    assert asked == [(data, of_parts)] * 2  # the fits of each part begin at its own
     return found.tolist()
 
 
@@ -190,7 +191,7 @@ def divided(gains, part, seen=None, **limits):
     data, settings = same_actions(len(part)), JudgeSettings()
     seen = set() if seen is None else seen
     model = Written(data, gains, settings)
-    return divide(data, model, part, 1e-2, replace(SETTINGS, **limits), seen), model, seen
+    return divide(data, [model, model], part, 1e-2, replace(SETTINGS, **limits), seen), model, seen
 
 
 def test_demonstrations_go_to_the_part_whose_policy_explains_them_better():

@@ -34,10 +34,6 @@ if TYPE_CHECKING:
     from rpil.numerics.newton import Preconditioner
     from rpil.policies.protocol import CrossFittedPolicy
 
-HELD_OUT_TOL = 1e-4
-"""See `rpil.numerics.newton.NewtonSettings`. At 1e-3 the order of demonstrations was another one in a third of 112
-sets; here it is that of fits to 1e-6."""
-
 
 @runtime_checkable
 class HeldOutModel(Protocol):
@@ -83,7 +79,7 @@ class HeldOutSoftmax(_Linear):
 
         def predict(k: int, test: Array) -> Array:
             others = np.where(test, 0.0, weight)
-            self._weights[k] = fit_weighted(self.data, others, ridge, self._weights.get(k), hessian)
+            self._weights[k] = fit_weighted(self.data, others, ridge, self.settings.tol, self._weights.get(k), hessian)
             return log_softmax(features[test] @ self._weights[k])
 
         self._log_proba = out_of_fold(self.data.per_step(self.fold), predict, features)
@@ -94,6 +90,7 @@ def fit_weighted(
     data: FitData,
     weight: Float[Array, " N"],
     ridge: float,
+    tol: float,
     start: Float[Array, "D K"] | None = None,
     hessian: Preconditioner | None = None,
 ) -> Float[Array, "D K"]:
@@ -103,9 +100,7 @@ def fit_weighted(
     rows = np.flatnonzero(weight > 0)
     features, weight = data.features[rows], weight[rows]
     targets, penalty = one_hot(data.actions[rows], weight, n_actions(data)), penalty_of(features, weight, ridge)
-    return fit_softmax(
-        features, targets, penalty, NewtonSettings(HELD_OUT_TOL), start=start, preconditioner=hessian
-    ).weights
+    return fit_softmax(features, targets, penalty, NewtonSettings(tol), start=start, preconditioner=hessian).weights
 
 
 def penalty_of(features: Float[Array, "N D"], weight: Float[Array, " N"], ridge: float) -> Float[Array, " D"]:

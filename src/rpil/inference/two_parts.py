@@ -15,6 +15,7 @@ A gain is in nats a step above the actions of the part whatever the state, as in
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -35,19 +36,20 @@ def two_parts(data: FitData, scores: Scores, outlier: Bool[Array, " M"], setting
     where there is no better one."""
     limits, ridge = settings.parts, scores.fit.ridge or settings.held_out.ridges[-1]  # a user's policy has none
     data = thinned(data, limits.max_steps)
-    model = held_out_model(data, replace(settings.held_out, max_left_out=0))
-    together = model.evaluate(np.ones(len(data.actions)), ridge).mean()
+    of_parts = replace(settings.held_out, max_left_out=0, tol=limits.tol)
+    models = [held_out_model(data, of_parts) for _ in range(2)]  # one for each part: fits begin at its last ones
+    together = models[0].evaluate(np.ones(len(data.actions)), ridge).mean()
     place = np.argsort(np.argsort(scores.log_odds, kind="stable")) / data.n_demonstrations
     starts = [scores.fit.group, place >= 1 / 2, place >= 1 / 5, ~outlier]
     seen = set[bytes]()  # where one start comes to what another one has come to, it ends as that does
-    found = [divide(data, model, start, ridge, limits, seen) for start in starts]
+    found = [divide(data, models, start, ridge, limits, seen) for start in starts]
     best = max((each for each in found if each is not None), key=lambda each: each[1], default=None)
     without = np.where(outlier, -1.0, 1.0) if outlier.any() else np.zeros(data.n_demonstrations)
     if best is None:
         return without
     part, explained = best
     own = []
-    for group in (part, ~part):
+    for model, group in zip(models, (part, ~part), strict=True):
         log_prob = model.evaluate(data.per_step(group.astype(float)), ridge)
         own.append(float(np.median(gains(data, log_prob, group, settings.held_out))))
     if max(own) <= limits.min_rule or explained - together <= limits.min_gain * max(own):
@@ -80,7 +82,12 @@ def are_situations(data: FitData, part: Bool[Array, " M"]) -> bool:
 
 
 def divide(
-    data: FitData, model: HeldOutModel, part: Bool[Array, " M"], ridge: float, settings: PartSettings, seen: set[bytes]
+    data: FitData,
+    models: Sequence[HeldOutModel],
+    part: Bool[Array, " M"],
+    ridge: float,
+    settings: PartSettings,
+    seen: set[bytes],
 ) -> tuple[Bool[Array, " M"], float] | None:
     """The part that `part` ends in, and the mean log-likelihood of a step, nats; None where one is nearly empty."""
     own = set[bytes]()
@@ -88,8 +95,9 @@ def divide(
         if min(part.sum(), (~part).sum()) < 2 or part.tobytes() in seen:
             return None
         own.add(part.tobytes())
-        log_prob = (model.evaluate(data.per_step(group.astype(float)), ridge) for group in (part, ~part))
-        first, second = map(data.mean_steps, log_prob)
+        weights = (data.per_step(group.astype(float)) for group in (part, ~part))
+        fits = (model.evaluate(weight, ridge) for model, weight in zip(models, weights, strict=True))
+        first, second = map(data.mean_steps, fits)
         part, last = first >= second, part
     seen |= own
     log_joint = np.log([[last.mean()], [1 - last.mean()]]) + np.stack([first, second]) * data.lengths
