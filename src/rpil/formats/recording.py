@@ -194,7 +194,11 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
     if isinstance(found.tables, ArrowFile):
         table: pa.Table | ArrowFile = found.tables
     else:
-        table = ArrowFile.of(found.tables, source) if options.on_disk else end_to_end([*found.tables], source)
+        table = (
+            ArrowFile.of(found.tables, source, sum(found.sizes.values()))
+            if options.on_disk
+            else end_to_end([*found.tables], source)
+        )
     steps, columns = find_places(Steps(table, source, found.sizes), replace(found.columns, options=options))
     layout = Layout.of(next(steps.tables(columns.data))[1], columns, origin.metadata.names)
     ids, asked = steps.ids, _asked(steps.ids, options, source)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -108,6 +109,10 @@ class ClaimedPath:
         if on_disk is None:
             with suppress(TooLargeError):
                 return self.read(options, on_disk=False)
+            place = tempfile.gettempdir()
+            logging.getLogger("rpil").warning(
+                "%s: larger than the memory it may take, so copied to %s.", self.path, place
+            )
             return self.read(options, on_disk=True)
         with holding(), guarded(str(self.path)):
             place, options = Path(self.path), replace(options, on_disk=on_disk)
