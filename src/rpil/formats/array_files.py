@@ -82,7 +82,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     notes = tuple(dict.fromkeys(note for _, of_file in found.values() for note in of_file))
     parts, kind = [part for part, _ in found.values()], "HDF5" if _is_hdf5(next(iter(files.values()))) else "NPZ"
     tables = from_parts(parts, _FILE_NAME, path.name, f"{kind}, a file for each demonstration", options, notes=notes)
-    return replace(tables, origin=replace(tables.origin, skipped=tuple(files[name].name for name in damaged)))
+    return replace(tables, skipped=tuple(files[name].name for name in damaged))
 
 
 def _files(path: Path) -> dict[str, Path]:
@@ -151,7 +151,7 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Arrays], kind:
     fps = float(rate) if isinstance(rate, int | float) and math.isfinite(rate) and rate > 0 else None
     name = f"{kind} of robomimic's layout" if within else f"{kind}, a group for each demonstration"
     metadata = Metadata(fps=fps, lengths=lengths)
-    return from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes).with_ignored(ignored)
+    return replace(from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes), ignored=ignored)
 
 
 def _begins_with_time(states: StoredArray) -> bool:

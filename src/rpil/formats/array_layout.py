@@ -257,7 +257,7 @@ class Arrays:
         parts, notes = [Part(len(ids), {**steps, cut.column: ids})], (*notes, *self.notes, *filter(None, [cut.note]))
         about = Metadata(names={seen: names})
         found = from_parts(parts, cut.column, self.source, format_name, self.options, about, notes)
-        return replace(found.with_ignored(ignored), sizes={self.source: len(ids)} if cut.is_step is None else {})
+        return replace(found, ignored=ignored, sizes={self.source: len(ids)} if cut.is_step is None else {})
 
     def steps(self, cut: Cut) -> tuple[Array, dict[str, StoredArray]]:
         """The id of each step, and the arrays of all steps end to end.

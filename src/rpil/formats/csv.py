@@ -26,7 +26,6 @@ from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.description import parts_in_words, without_damaged
 from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, text_rows, without_suffix
 from rpil.formats.format import Format, StepTables, called, keep_one_file
-from rpil.formats.metadata import Origin
 from rpil.formats.places import in_two_files
 from rpil.formats.steps import ArrowFile, Steps
 from rpil.formats.table import other_columns
@@ -58,11 +57,10 @@ def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, defau
     words = first.words if default_id is None else f"{first.words}, {counted(len(files), 'file')}"
     encodings = sorted({file.encoding for file in files.values()} - {"utf-8", "utf-16"})
     notes = (f"Text is not UTF-8: read as {' and '.join(encodings)}.",) if encodings else ()
-    origin, found = Origin(source, words, notes=notes, skipped=(*damaged, *skipped)), _rows_of(files, columns)
+    found = _rows_of(files, columns)
+    tables = found.values() if not options.on_disk else _end_to_end(found) if len(found) > 1 else found[first_name]
     sizes = {name: len(rows) for name, rows in found.items()}
-    if len(found) > 1 and options.on_disk:
-        return StepTables(_end_to_end(found), columns, origin, sizes)
-    return StepTables(found[first_name] if options.on_disk else found.values(), columns, origin, sizes)
+    return StepTables(tables, columns, source, words, sizes, notes=notes, skipped=(*damaged, *skipped))
 
 
 def _end_to_end(files: Mapping[str, ArrowFile]) -> Iterator[pa.Table]:

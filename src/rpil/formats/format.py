@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Protocol, TypeVar, runtime_checkable
@@ -20,7 +20,7 @@ from rpil.data.names import natural_key, quoted
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import GUESSED_ROWS, ColumnOptions, Columns, check_names
-from rpil.formats.metadata import Origin
+from rpil.formats.metadata import Metadata
 from rpil.formats.steps import ArrowFile
 from rpil.numerics.types import Array
 
@@ -37,26 +37,36 @@ class Frame(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class StepTables:
-    """Tables one below the other, with a row for each step.
+    """What a reader gives: tables one below the other, with a row for each step, and what the files say beside them.
 
     Attributes
     ----------
     tables : iterable of pyarrow.Table
         Read one by one; or a file of them.
     columns : Columns
-    origin : Origin
+    source, format_name : str
+        The names of the data and of their format in messages.
     sizes : mapping of str to int
         The numbers of rows from each file, for formats in which files may state the order of demonstrations.
+    metadata : Metadata
+        Of LeRobot.
+    notes : tuple of str
+        What a user should know, in sentences.
+    ignored : mapping of str to str
+        Parts of the file that are no columns, and why they are not read.
+    skipped : tuple of str
+        Damaged files and lines, which are not read.
     """
 
     tables: Iterable[pa.Table] | ArrowFile
     columns: Columns
-    origin: Origin
+    source: str
+    format_name: str
     sizes: Mapping[str, int] = field(default_factory=dict)
-
-    def with_ignored(self, names: Mapping[str, str]) -> StepTables:
-        """The same, where parts of the file are not read for the reasons in `names`."""
-        return replace(self, origin=replace(self.origin, ignored={**self.origin.ignored, **names}))
+    metadata: Metadata = Metadata()
+    notes: tuple[str, ...] = ()
+    ignored: Mapping[str, str] = field(default_factory=dict)
+    skipped: tuple[str, ...] = ()
 
 
 def from_arrow(
@@ -72,7 +82,7 @@ def from_arrow(
     kinds |= flat.kinds_of(head.slice(0, flat.HEAD_ROWS))
     columns = find_columns(table.column_names, kinds, source, options, default_id, head)
     chosen = (one.select([*columns.all, *columns.may_be_outcomes]) for one in chain([table], waiting))
-    return StepTables(chosen, columns, Origin(source, format_name))
+    return StepTables(chosen, columns, source, format_name)
 
 
 def plain_columns(table: pa.Table) -> pa.Table:

@@ -54,8 +54,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
         tables = {m: one.append_column(FILE, pa.repeat(names[m], len(one))) for m, one in tables.items()}
     table = flat.end_to_end([*tables.values()], path.name)
     name = "JSON lines" if len(files) == 1 else f"JSON lines, {len(files):,} files"
-    steps = from_arrow([table], options, path.name, name, default)
-    return replace(steps, origin=replace(steps.origin, skipped=skipped))
+    return replace(from_arrow([table], options, path.name, name, default), skipped=skipped)
 
 
 def _files(path: Path) -> list[Path]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 
 import numpy as np
@@ -62,39 +62,7 @@ class Metadata:
         return tuple(str(text) for text in found if text)
 
 
-@dataclass(frozen=True)
-class Origin:
-    """Where the M demonstrations of a table come from.
-
-    Attributes
-    ----------
-    source : str
-        The name of the data in messages.
-    format_name : str
-    metadata : Metadata
-        Of LeRobot.
-    notes : tuple of str
-        What a user should know, in sentences.
-    ignored : mapping of str to str
-        Parts of the file that are no columns, and why they are not read.
-    skipped : tuple of str
-        Damaged files and lines, which are not read.
-    """
-
-    source: str
-    format_name: str
-    metadata: Metadata = Metadata()
-    notes: tuple[str, ...] = ()
-    ignored: Mapping[str, str] = field(default_factory=dict)
-    skipped: tuple[str, ...] = ()
-
-    def only(self, ids: Sequence[Id]) -> Origin:
-        """The same of the demonstrations `ids` alone; declared totals are of all, and so of no use."""
-        lengths = {m: self.metadata.lengths[m] for m in ids if m in self.metadata.lengths}
-        return replace(self, metadata=replace(self.metadata, sizes={}, lengths=lengths))
-
-
-def find_facts(steps: Steps, columns: Columns, origin: Origin) -> Facts:
+def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
     """The facts about the M demonstrations.
 
     A `DataError` where the column of the session or of the outcome, which the user names, cannot be one.
@@ -102,12 +70,12 @@ def find_facts(steps: Steps, columns: Columns, origin: Origin) -> Facts:
     table = steps.read([*clock_columns(columns), *columns.facts])
     files, order = steps.files(steps.offsets[:-1]), None
     are_numbers = plain_name(columns.episode) == EPISODE[0] and isinstance(steps.ids[0], int)
-    if files and origin.metadata.version and are_numbers:  # LeRobot numbers them in their order
+    if files and metadata.version and are_numbers:  # LeRobot numbers them in their order
         order = np.array(steps.ids, dtype=float)
     elif files:
         order = start_times({name: table[name] for name in clock_columns(columns)}, steps.offsets)
     sessions = () if columns.session is None else _sessions(table, columns.session, steps, files)
-    outcomes = tuple(_outcome(table, name, columns, steps.offsets, origin.source) for name in columns.outcomes)
+    outcomes = tuple(_outcome(table, name, columns, steps.offsets, steps.source) for name in columns.outcomes)
     return Facts(order, sessions, outcomes, columns.outcomes)
 
 

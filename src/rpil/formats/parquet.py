@@ -23,7 +23,7 @@ from rpil.formats.columns import GUESSED_ROWS, ColumnOptions, Columns, check_nam
 from rpil.formats.description import parts_in_words, without_damaged
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.meta_folder import MetaFolder, read_metadata
-from rpil.formats.metadata import Metadata, Origin, file_names, with_facts
+from rpil.formats.metadata import Metadata, file_names, with_facts
 from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, opened, read_table
 from rpil.formats.table import BATCH_ROWS, Kind, other_columns
 
@@ -42,14 +42,14 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
         readable(filesystem, paths, source, skips=False)
         raise
     name = f"LeRobot {metadata.version}" if metadata.version else "Parquet"
-    origin = Origin(source, name if len(paths) == 1 else f"{name}, {len(paths):,} files", metadata, skipped=skipped)
+    name = name if len(paths) == 1 else f"{name}, {len(paths):,} files"
     if not options.on_disk:
         check_memory(n_bytes, source, options.memory)
     tables = _tables(filesystem, paths, schema)
     if named := [name for name in columns.made if name in metadata.facts]:
         tables = with_facts(tables, columns.episode, {name: metadata.facts[name] for name in named})
         columns = replace(columns, made=tuple(name for name in columns.made if name not in named))
-    return StepTables(tables, columns, origin, sizes)
+    return StepTables(tables, columns, source, name, sizes, metadata, skipped=skipped)
 
 
 def _opened_files(

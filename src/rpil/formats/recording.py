@@ -25,7 +25,6 @@ from rpil.formats.format import Defect, StepTables
 from rpil.formats.metadata import (
     Clock,
     Metadata,
-    Origin,
     Times,
     clock_columns,
     different,
@@ -48,7 +47,7 @@ class Recording:
     Attributes
     ----------
     description : Description
-    steps, columns, found, origin : Steps, Columns, Scan, Origin
+    steps, columns, found, origin : Steps, Columns, Scan, StepTables
         The steps of the demonstrations, their columns, what one pass over them found, and where they come from.
     clock : Clock, optional
         The column of time.
@@ -68,7 +67,7 @@ class Recording:
     steps: Steps
     columns: Columns
     found: Scan
-    origin: Origin
+    origin: StepTables
     clock: Clock | None
     ids: tuple[Id, ...]
     options: ColumnOptions = ColumnOptions()
@@ -146,7 +145,7 @@ class Recording:
     def facts(self) -> Facts:
         """Order, sessions and outcomes of the demonstrations; a `DataError` where a named column cannot say them."""
         with guarded(self.description.source):
-            return find_facts(self.steps, self.columns, self.origin)
+            return find_facts(self.steps, self.columns, self.origin.metadata)
 
     @cached_property
     def demonstrations(self) -> Demonstrations | Dataset:
@@ -184,13 +183,13 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
 
     A `DataError` where a demonstration that is to be chosen is unknown, or none is left.
     """
-    origin, source, notes = found.origin, found.origin.source, []
+    source, notes = found.source, []
     if options.split_gap:
         notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
     if options.segment:
         notes.append(f"Each stretch of {options.segment:g} s is a demonstration.")
     if notes:
-        origin = replace(origin.only(()), notes=(*notes, *origin.notes))
+        found = _of(replace(found, notes=(*notes, *found.notes)), ())
     if isinstance(found.tables, ArrowFile):
         table: pa.Table | ArrowFile = found.tables
     else:
@@ -200,7 +199,7 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
             else end_to_end([*found.tables], source)
         )
     steps, columns = find_places(Steps(table, source, found.sizes), replace(found.columns, options=options))
-    layout = Layout.of(next(steps.tables(columns.data))[1], columns, origin.metadata.names)
+    layout = Layout.of(next(steps.tables(columns.data))[1], columns, found.metadata.names)
     ids, asked = steps.ids, _asked(steps.ids, options, source)
     steps = steps.only(asked)
     seen, left_out, aside = scan(steps, layout, columns), dict[str, str](), list[Id]()
@@ -213,13 +212,13 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
         seen = scan(steps, replace(layout, observations=left), columns)
     columns = columns.without_observations(left_out | seen.left_out)
     columns = replace(columns, may_be_outcomes=tuple(_outcomes(steps, columns)))
-    origin = origin if len(steps.ids) == len(ids) else origin.only(steps.ids)
+    found = replace(found if len(steps.ids) == len(ids) else _of(found, steps.ids), tables=())
     n_asked = f"{asked.sum():,} of {len(ids):,} demonstrations are read, as asked."
     left_out_notes = (*([] if asked.all() else [n_asked]), *left_out_lines((), aside))
     clock = find_clock(steps.read(clock_columns(columns)), columns, steps.offsets)
-    description = _describe(steps, columns, seen, origin, clock)
+    description = _describe(steps, columns, seen, found, clock)
     description = replace(description, notes=(*description.notes, *left_out_notes))
-    return Recording(description, steps, columns, seen, origin, clock, ids, options, set_aside=tuple(aside))
+    return Recording(description, steps, columns, seen, found, clock, ids, options, set_aside=tuple(aside))
 
 
 def _asked(ids: Sequence[Id], options: ColumnOptions, source: str) -> Array:
@@ -244,8 +243,14 @@ def from_demonstrations(demonstrations: Demonstrations, format_name: str) -> Ste
         observation: pa.FixedSizeListArray.from_arrays(pa.array(d.observations.reshape(-1)), len(names)),
         "action": actions if d.is_discrete else pa.FixedSizeListArray.from_arrays(actions, d.actions.shape[1]),
     }
-    origin = Origin(d.source, format_name, Metadata(names={observation: names}))
-    return StepTables([pa.table(table)], columns, origin, {d.source: d.n_steps})
+    sizes, metadata = {d.source: d.n_steps}, Metadata(names={observation: names})
+    return StepTables([pa.table(table)], columns, d.source, format_name, sizes, metadata)
+
+
+def _of(found: StepTables, ids: Sequence[Id]) -> StepTables:
+    """The same of the demonstrations `ids` alone; declared totals are of all, and so of no use."""
+    lengths = {m: found.metadata.lengths[m] for m in ids if m in found.metadata.lengths}
+    return replace(found, metadata=replace(found.metadata, sizes={}, lengths=lengths))
 
 
 def _outcomes(steps: Steps, columns: Columns) -> Iterator[str]:
@@ -261,7 +266,7 @@ def _outcomes(steps: Steps, columns: Columns) -> Iterator[str]:
                 yield name
 
 
-def _describe(steps: Steps, columns: Columns, found: Scan, origin: Origin, clock: Clock | None) -> Description:
+def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, clock: Clock | None) -> Description:
     metadata, layout, n_steps = origin.metadata, found.layout, len(steps)
     seconds, recorded = clock.seconds(steps.offsets) if clock else (None, None)
     operators, tasks = (pairs_of(steps, name) for name in (columns.operator, columns.task))

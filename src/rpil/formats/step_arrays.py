@@ -20,7 +20,7 @@ from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.description import commas
 from rpil.formats.format import StepTables
-from rpil.formats.metadata import Metadata, Origin
+from rpil.formats.metadata import Metadata
 from rpil.formats.table import BATCH_ROWS, Kind
 from rpil.numerics.types import Array
 
@@ -131,7 +131,8 @@ def from_parts(
     )
     if longer := [name for name in steps if any(part.arrays[name].shape[0] > part.n_steps for part in parts)]:
         notes = (*notes, f"The last value of {commas(longer)}, which comes after the last action, is left out.")
-    return StepTables(tables, columns, Origin(source, format_name, metadata, (*notes, *without_steps(empty))))
+    notes = (*notes, *without_steps(empty))
+    return StepTables(tables, columns, source, format_name, metadata=metadata, notes=notes)
 
 
 def without_steps(ids: Sequence[object]) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ import glob
 import itertools
 import os
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path, PurePath, PurePosixPath
 
 from pyarrow import fs
@@ -54,8 +55,10 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
         raise DataError(f"{path}: no .parquet or .csv file is there{but}; check the path.")
     beside = dict.fromkeys(others, f"not read beside {'Parquet files' if parquet_files else 'text tables'}")
     if not parquet_files:
-        return csv.read_files([Path(file) for file in text_files], options, source, csv.FILE).with_ignored(beside)
-    return parquet.read_files(filesystem, parquet_files, options, source).with_ignored(beside)
+        found = csv.read_files([Path(file) for file in text_files], options, source, csv.FILE)
+    else:
+        found = parquet.read_files(filesystem, parquet_files, options, source)
+    return replace(found, ignored=beside)
 
 
 def _found(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str], list[str]]:

@@ -13,6 +13,7 @@ import warnings
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from threading import RLock
@@ -98,7 +99,8 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
             raise DataError(f"{path.name}: {name} {fault}; write it again.")
     steps = {name.removeprefix("data/"): array for name, array in arrays.items()}
     notes = without_steps(np.flatnonzero(lengths == 0).tolist())
-    return Arrays({**steps, _ENDS: offsets}, path.name, options).read("Zarr replay buffer", notes).with_ignored(ignored)
+    found = Arrays({**steps, _ENDS: offsets}, path.name, options).read("Zarr replay buffer", notes)
+    return replace(found, ignored={**found.ignored, **ignored})
 
 
 def _array(store: Store, files: Mapping[str, int], where: str, header: str) -> Closed | str:
