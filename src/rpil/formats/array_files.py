@@ -1,4 +1,4 @@
-"""Files of named arrays, NPZ and HDF5, by the table of layouts; also a folder with one for each demonstration."""
+"""NPZ, HDF5 and Zarr: named arrays by the table of layouts; also a folder with a file for each demonstration."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from rpil.data.names import TASK, is_observation, may_be_outcome, natural_key, p
 from rpil.data.npy import Npz, opened_npz, write_npz
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions, as_list
+from rpil.formats.containers import ZIP, is_zarr, keep_groups, opened_hdf5, opened_zarr
 from rpil.formats.description import commas, without_damaged
 from rpil.formats.format import Format, StepTables, kept_of
-from rpil.formats.hdf5 import keep_groups, opened_hdf5
 from rpil.formats.metadata import Metadata
 from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts, read_once
 from rpil.formats.table_folder import has_tables
@@ -40,8 +40,8 @@ _OF_NUMBERS = ROLES["names"]
 
 def claims(path: Path) -> bool:
     """Whether `path` is such a file, by its name or its first bytes, or a folder of such files and of no tables."""
-    if path.is_dir():
-        return not has_tables(path) and bool(_files(path))
+    if path.is_dir() or is_zarr(path):
+        return is_zarr(path) or (not has_tables(path) and bool(_files(path)))
     return path.is_file() and (path.suffix.lower() in _NPZ or _is_hdf5(path))
 
 
@@ -55,12 +55,15 @@ def _is_hdf5(path: Path) -> bool:
 @contextmanager
 def _opened(path: Path, options: ColumnOptions = ColumnOptions(), where: str = "") -> Iterator[Arrays]:
     """The arrays in a file, which is called `where` in messages; in NPZ none is ever unpickled."""
-    if _is_hdf5(path):
+    if is_zarr(path):
+        with opened_zarr(path, options) as arrays:
+            yield arrays
+    elif _is_hdf5(path):
         with opened_hdf5(path, options) as (_, arrays):
             yield arrays
     else:
         with opened_npz(path, where) as stored:
-            yield Arrays({name: _array(stored, name) for name in stored.names}, stored.where, options)
+            yield Arrays({name: _array(stored, name) for name in stored.names}, stored.where, "NPZ", options)
 
 
 def _array(stored: Npz, name: str) -> StoredArray:
@@ -73,10 +76,10 @@ def _array(stored: Npz, name: str) -> StoredArray:
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays of a file, or the demonstration in each file of a folder, opened again for its values."""
-    if path.is_file():
+    if path.is_file() or is_zarr(path):
         with _opened(path, options) as arrays:
-            kind, (within, groups) = "HDF5" if _is_hdf5(path) else "NPZ", arrays.groups()
-            return _read_groups(arrays, within, groups, kind) if groups else arrays.read(kind)
+            within, groups = arrays.groups()
+            return _read_groups(arrays, within, groups) if groups else arrays.read()
     files = _files(path)
     found, damaged = without_damaged(files, lambda name: _part(name, files[name], path), options.skip_bad)
     notes = tuple(dict.fromkeys(note for _, of_file in found.values() for note in of_file))
@@ -130,7 +133,7 @@ def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
         return Part(n, closed, {_FILE_NAME: name, **tasks, **ends, **facts}), these.notes
 
 
-def _read_groups(these: Arrays, within: str, groups: Mapping[str, Arrays], kind: str) -> StepTables:
+def _read_groups(these: Arrays, within: str, groups: Mapping[str, Arrays]) -> StepTables:
     """The recording in groups of arrays, as robomimic and Isaac Lab write it: the arrays that the first one has."""
     first, notes, options, ignored = next(iter(groups.values())).arrays, these.notes, these.options, {}
     if "states" in first and not options.observations and not any(map(is_observation, first)):
@@ -149,7 +152,7 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Arrays], kind:
         stated = attributes.get("num_samples")
         lengths |= {name: int(stated)} if isinstance(stated, int | np.integer) else {}
     fps = float(rate) if isinstance(rate, int | float) and math.isfinite(rate) and rate > 0 else None
-    name = f"{kind} of robomimic's layout" if within else f"{kind}, a group for each demonstration"
+    name = f"{these.kind} of robomimic's layout" if within else f"{these.kind}, a group for each demonstration"
     metadata = Metadata(fps=fps, lengths=lengths)
     return replace(from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes), ignored=ignored)
 
@@ -193,7 +196,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
         return
     with opened_npz(path) as stored:
         arrays = stored.read(stored.names)
-    these = Arrays(arrays, path.name, options)
+    these = Arrays(arrays, path.name, options=options)
     cut = these.cut()
     there, n = list(dict.fromkeys(cut.ids.tolist())), len(cut.ids)
     kept = kept_of(there, ids, path)
@@ -214,8 +217,8 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
 
 def unkept(path: Path, options: ColumnOptions) -> str:
     """What `keep` writes no new file of, in words; empty where it writes one."""
-    if path.is_dir():
-        return "file of arrays for each demonstration"
+    if path.is_dir() or is_zarr(path):
+        return "Zarr" if is_zarr(path) else "file of arrays for each demonstration"
     with _opened(path, options) as arrays:
         has_groups, is_hdf5 = bool(arrays.groups()[1]), _is_hdf5(path)
         if is_hdf5 and has_groups and options.id:
@@ -224,4 +227,4 @@ def unkept(path: Path, options: ColumnOptions) -> str:
         return "" if is_kept else "arrays of this layout"
 
 
-FORMAT = Format("arrays", claims, read, keep, unkept, suffixes=(*_NPZ, *_HDF5), write=write)
+FORMAT = Format("arrays", claims, read, keep, unkept, suffixes=(*_NPZ, *_HDF5, ZIP), write=write)

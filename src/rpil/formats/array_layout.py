@@ -7,7 +7,7 @@ Arrays lie end to end, (N, ...), where ids, lengths, starts or ends tell demonst
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import PurePath
 
@@ -67,9 +67,11 @@ class Arrays:
 
     arrays: Tree
     source: str
+    kind: str = ""  # the name of the format
     options: ColumnOptions = ColumnOptions()
     attributes: Callable[[str], Mapping[str, object]] = lambda _: {}  # of the group at a path
     links: Sequence[str] = ()  # paths of links, none of which is followed
+    unread: Mapping[str, str] = field(default_factory=dict)  # arrays that are not here, and why
 
     @cached_property
     def names(self) -> dict[str, list[str]]:
@@ -239,7 +241,7 @@ class Arrays:
             remedy = "add an array lengths, with the steps of each, or swap the two axes"
             raise DataError(f"{self.source}: {fault}; {remedy}.")
 
-    def read(self, format_name: str, notes: tuple[str, ...] = ()) -> StepTables:
+    def read(self) -> StepTables:
         """The recording in arrays of several demonstrations."""
         if not self.options.on_disk:
             check_memory(BYTES_PER_NUMBER * self.n_steps, self.source, self.options.memory)
@@ -250,13 +252,13 @@ class Arrays:
         seen = next((name for name in (*asked, *self.names["observations"]) if name in self.arrays), "")
         cut = these.cut()
         ids, steps = these.steps(cut)
-        ignored = dict.fromkeys(self.arrays.keys() - steps.keys() - {*_ASIDE}, NO_STEPS)
+        ignored = {**dict.fromkeys(self.arrays.keys() - steps.keys() - {*_ASIDE}, NO_STEPS), **self.unread}
         names = as_names(self.values(self.names["names"][0]), self.source) if self.names["names"] else ()
         if len(names) == 1 and seen:
             steps[f"{seen}.{names[0]}"] = steps.pop(seen)
-        parts, notes = [Part(len(ids), {**steps, cut.column: ids})], (*notes, *self.notes, *filter(None, [cut.note]))
+        parts, notes = [Part(len(ids), {**steps, cut.column: ids})], (*self.notes, *filter(None, [cut.note]))
         about = Metadata(names={seen: names})
-        found = from_parts(parts, cut.column, self.source, format_name, self.options, about, notes)
+        found = from_parts(parts, cut.column, self.source, self.kind, self.options, about, notes)
         return replace(found, ignored=ignored, sizes={self.source: len(ids)} if cut.is_step is None else {})
 
     def steps(self, cut: Cut) -> tuple[Array, dict[str, StoredArray]]:
@@ -297,7 +299,11 @@ def _by_lengths(these: Arrays) -> Array | None:
 
 
 def _by_offsets(these: Arrays) -> Array | None:
-    lengths = np.diff(these.values(these.names["offsets"][0]), prepend=0)
+    ends, n = these.values(name := these.names["offsets"][0]), these.n_steps
+    lengths = np.diff(ends.ravel().astype(np.int64), prepend=0)
+    if ends.ndim != 1 or ends.dtype.kind not in "iu" or lengths.min(initial=0) < 0 or lengths.sum() != n:
+        said = f"must hold rising numbers of steps, one a demonstration, up to the {n:,} of the actions"
+        raise DataError(f"{these.source}: {name} {said}; write it again.")
     return np.repeat(np.arange(len(lengths)), lengths)
 
 

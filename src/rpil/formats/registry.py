@@ -74,7 +74,6 @@ FORMATS: Iterable[Format] = Formats(
     "parquet",
     "csv",
     "lerobot.folder",
-    "zarr",
     "array_files",
     "json_lines",
     "table_folder",
