@@ -56,10 +56,14 @@ def test_zarr_is_read(tmp_path, zarr_format, zipped):
 
 def test_zarr_without_data_or_of_another_length(tmp_path):
     path, _ = write_buffer(tmp_path, action=np.ones((10, 2)))
-    with pytest.raises(DataError, match=r"buffer.zarr: meta/episode_ends must .* up to the 10 of the actions; write it again"):
+    with pytest.raises(
+        DataError, match=r"buffer.zarr: meta/episode_ends must .* up to the 10 of the actions; write it again"
+    ):
         rpil.read(path)
     shutil.rmtree(path / "data")
-    with pytest.raises(DataError, match=r"no array that can be read is in data \(nothing is there\); copy the data as well\.$"):
+    with pytest.raises(
+        DataError, match=r"no array that can be read is in data \(nothing is there\); copy the data as well\.$"
+    ):
         rpil.read(path)
 
 
@@ -106,7 +110,9 @@ def test_a_zip_file_is_one_by_its_name(tmp_path):
     with pytest.raises(DataError, match="unknown extension"):
         rpil.read(other)
     outside = shutil.make_archive(str(tmp_path / "outside"), "zip", tmp_path, "buffer.zarr")  # the folder itself
-    with pytest.raises(DataError, match=r"outside\.zip: there is no meta/episode_ends of numbers at the top of it; pack what is in"):
+    with pytest.raises(
+        DataError, match=r"outside\.zip: there is no meta/episode_ends of numbers at the top of it; pack what is in"
+    ):
         rpil.read(outside)
     damaged = tmp_path / "damaged.zarr.zip"
     damaged.write_bytes(other.read_bytes()[:-30])

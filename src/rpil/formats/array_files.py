@@ -133,7 +133,7 @@ def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
         return Part(n, closed, {_FILE_NAME: name, **tasks, **ends, **facts}), these.notes
 
 
-def _read_groups(these: Arrays, within: str, groups: Mapping[str, Arrays]) -> StepTables:
+def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> StepTables:
     """The recording in groups of arrays, as robomimic and Isaac Lab write it: the arrays that the first one has."""
     first, notes, options, ignored = next(iter(groups.values())).arrays, these.notes, these.options, {}
     if "states" in first and not options.observations and not any(map(is_observation, first)):
@@ -144,11 +144,13 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Arrays]) -> St
     names = dict.fromkeys(path.split("/")[1] for path in these.arrays if within and path.startswith(within))
     if without := commas([name for name in names if name not in groups]):
         notes = (*notes, f"Left out, because they are links, or hold no actions: {without}.")
-    rate, task, parts, lengths = these.said(within, "rate"), these.said(within, "task"), [], dict[Id, int]()
+    rate, task = (these.said(these.attributes(within), what) for what in ("rate", "task"))
+    parts, lengths = list[Part](), dict[Id, int]()
     for name, one in groups.items():
-        words, attributes = these.said(within + name, "task") or task, these.attributes(within + name)
+        attributes = these.attributes(within + name)
+        words = these.said(attributes, "task") or task
         about = {"task": words} if isinstance(words, str) else {}
-        parts.append(Part(one.n_steps, one.arrays, {_GROUP_NAME: name, **about}))
+        parts.append(replace(one, about={_GROUP_NAME: name, **about}))
         stated = attributes.get("num_samples")
         lengths |= {name: int(stated)} if isinstance(stated, int | np.integer) else {}
     fps = float(rate) if isinstance(rate, int | float) and math.isfinite(rate) and rate > 0 else None

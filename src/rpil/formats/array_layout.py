@@ -78,11 +78,7 @@ class Arrays:
         """The names of the arrays with rows that have each role, or that the user names for it."""
         options = self.options
         named = {**ROLES, "ids": (options.id,) if options.id else ROLES["ids"]}
-        named["actions"] = (*as_list(options.action), *ROLES["actions"])
-        if self.arrays.keys().isdisjoint(named["actions"]):
-            plain = {name: plain_name(name) for name in self.arrays}
-            more = (name for one, _ in ACTION_COLUMNS[:2] for name in plain if one.fullmatch(plain[name]))
-            named["actions"] += (*more,)
+        named["actions"] = _actions(self.arrays, as_list(options.action))
         named["observations"] = (*ROLES["observations"], *as_list(options.observations))
         there = {name for name in {*sum(named.values(), ())} & self.arrays.keys() if self.arrays[name].shape}
         return {role: [name for name in names if name in there] for role, names in named.items()}
@@ -135,9 +131,9 @@ class Arrays:
         sim = ("Recorded in a simulation.",) if str(self.attributes("").get("sim")) in ("True", "1") else ()
         return (*sim, *([f"Not read, because they are links: {commas(self.links)}."] if self.links else []))
 
-    def said(self, group: str, what: str) -> object:
+    @staticmethod
+    def said(attributes: Mapping[str, object], what: str) -> object:
         """What the attributes of a group say of the task or the rate, by `ATTRIBUTES`; None where they say nothing."""
-        attributes = self.attributes(group)
         for place in ATTRIBUTES[what]:
             name, *keys = place.split("/")
             if name not in attributes:  # faster than an error of the library
@@ -149,7 +145,7 @@ class Arrays:
                 return value
         return None
 
-    def groups(self) -> tuple[str, dict[str, Arrays]]:
+    def groups(self) -> tuple[str, dict[str, Part]]:
         """Where the groups of demonstrations are, and the arrays in each that holds actions, by its name."""
         within = "data/" if any(path.startswith("data/") for path in self.arrays) else ""
         found: dict[str, dict[str, StoredArray]] = {}
@@ -157,8 +153,8 @@ class Arrays:
             name, slash, rest = path.removeprefix(within).partition("/")
             if slash and path.startswith(within):
                 found.setdefault(name, {})[rest] = array
-        trees = {name: Arrays(tree, "") for name, tree in found.items()}
-        return within, {name: one for name, one in trees.items() if one.names["actions"]}
+        shapes = {m: next((tree[a].shape for a in _actions(tree) if a in tree), ()) for m, tree in found.items()}
+        return within, {name: Part(shape[0], found[name]) for name, shape in shapes.items() if shape}
 
     def cut(self) -> Cut:
         """The demonstrations by ids, or the first row of `_ROWS` that fits; a `DataError` where none does."""
@@ -290,6 +286,15 @@ class Arrays:
             found = {m: taken(m, lambda values: values[:, :longest][is_step], 2) for m in own}
         whole = {m: taken(m, lambda values: values[owners], 1) for m in each if self.arrays[m].shape == (n,)}
         return ids, {**found, **whole} if is_step is None else {**whole, **found}
+
+
+def _actions(arrays: Tree, named: Sequence[str] = ()) -> tuple[str, ...]:
+    """The names that the array of actions may have, the likeliest first."""
+    names = (*named, *ROLES["actions"])
+    if not arrays.keys().isdisjoint(names):
+        return names
+    plain = {name: plain_name(name) for name in arrays}
+    return (*names, *(name for one, _ in ACTION_COLUMNS[:2] for name in plain if one.fullmatch(plain[name])))
 
 
 def _by_lengths(these: Arrays) -> Array | None:
