@@ -138,7 +138,10 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> Step
     first, notes, options, ignored = next(iter(groups.values())).arrays, these.notes, these.options, {}
     if "states" in first and not options.observations and not any(map(is_observation, first)):
         notes = (*notes, _STATES)
-        if _begins_with_time(first["states"]):
+        state = first["states"]
+        is_long = len(state.shape) == 2 and state.shape[1] > 1 and state.shape[0] >= _STEPS_OF_TIME
+        steps = np.diff(np.asarray(state[:_STEPS_OF_TIME])[:, 0]) if is_long and state.dtype.kind == "f" else [0]
+        if steps[0] > 0 and np.allclose(steps, steps[0], rtol=1e-3, atol=0):  # it rises by the same at every step
             options = replace(options, exclude=(*as_list(options.exclude), "states.0"))
             ignored = {"states.0": "simulation time"}
     names = dict.fromkeys(path.split("/")[1] for path in these.arrays if within and path.startswith(within))
@@ -157,14 +160,6 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> Step
     name = f"{these.kind} of robomimic's layout" if within else f"{these.kind}, a group for each demonstration"
     metadata = Metadata(fps=fps, lengths=lengths)
     return replace(from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes), ignored=ignored)
-
-
-def _begins_with_time(states: StoredArray) -> bool:
-    """Whether the first of the numbers of a state is the time of the simulator: it rises by the same at every step."""
-    if len(states.shape) != 2 or states.shape[1] < 2 or states.dtype.kind != "f" or states.shape[0] < _STEPS_OF_TIME:
-        return False
-    steps = np.diff(np.asarray(states[:_STEPS_OF_TIME])[:, 0])
-    return bool(steps[0] > 0 and np.allclose(steps, steps[0], rtol=1e-3, atol=0))
 
 
 def _rows(file: Path, name: str, rows: slice) -> object:

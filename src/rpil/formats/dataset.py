@@ -79,7 +79,8 @@ class Layout:
         if not actions or not observations:
             what = "action" if observations else "observations"
             raise DataError(f"{columns.source}: <option> leaves nothing of the {what}; correct it.", "exclude")
-        observation, action = (_stacked(table, own) for own in (observations, actions))
+        kinds = ({value_type(table[one.name].type) for one in own} for own in (observations, actions))
+        observation, action = (np.dtype(np.float32 if own == {np.dtype(np.float32)} else np.float64) for own in kinds)
         first, n_parts = actions[0], sum(len(one.parts) for one in actions)
         own_type = value_type(table[first.name].type)
         is_list_of_floats = own_type.kind == "f" and flat.kind_of_type(table[first.name].type) == "list"
@@ -194,12 +195,6 @@ def value_type(kind: pa.DataType) -> np.dtype[np.generic]:
     if pa.types.is_float32(kind):
         return np.dtype(np.float32)
     return np.dtype(np.int64 if pa.types.is_integer(kind) or pa.types.is_boolean(kind) else np.float64)
-
-
-def _stacked(table: pa.Table, columns: Sequence[Column]) -> np.dtype[np.generic]:
-    """The type of columns side by side."""
-    kinds = {value_type(table[one.name].type) for one in columns}
-    return np.dtype(np.float32 if kinds == {np.dtype(np.float32)} else np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -78,7 +78,12 @@ def _parsed(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
         with suppress(pa.ArrowInvalid):
             if all(line[:1] + line.rstrip()[-1:] == b"{}" for line in lines.values()):
                 return _objects(lines), damaged
-        damaged = [number for number, line in lines.items() if not _is_object(line)]
+        for number, line in lines.items():
+            try:
+                is_object = isinstance(json.loads(line.decode("utf-8-sig")), dict)
+            except (ValueError, RecursionError):
+                is_object = False
+            damaged += [] if is_object else [number]
         if damaged and not options.skip_bad:
             raise damaged_lines(file.name, [f"line {number:,}: it holds no object of JSON" for number in damaged])
         for number in damaged:
@@ -93,13 +98,6 @@ def _objects(lines: Mapping[int, bytes]) -> pa.Table:
     reading = pa.json.ReadOptions(use_threads=False, block_size=size)
     table = plain_columns(pa.json.read_json(pa.BufferReader(content), reading)) if lines else pa.table({})
     return table.append_column(_LINE, pa.array(lines, pa.int64()))
-
-
-def _is_object(line: bytes) -> bool:
-    try:
-        return isinstance(json.loads(line.decode("utf-8-sig")), dict)
-    except (ValueError, RecursionError):
-        return False
 
 
 def _steps(table: pa.Table) -> pa.Table:

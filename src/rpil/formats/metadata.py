@@ -254,23 +254,17 @@ def start_times(columns: Mapping[str, pa.ChunkedArray], offsets: Array) -> Array
     The columns are in the order of the demonstrations. None where none has: clocks that begin anew with each
     demonstration, or with the recorder, do not tell which demonstration came first.
     """
+    low, high = _WALL_CLOCK
     for name, column in columns.items():
-        seconds = _since_1970(name, column)
-        if seconds is not None and len(np.unique(starts := seconds[offsets[:-1]])) == len(starts):
+        column = column.cast(pa.timestamp("s")) if pa.types.is_date(column.type) else column
+        values = order_values(column)
+        if values is None or not len(values) or pa.types.is_duration(column.type) or pa.types.is_time(column.type):
+            continue
+        seconds = values * (unit_of(name, column.type, values) or 1.0)
+        is_wall_clock = low < seconds.min() and seconds.max() < high
+        if is_wall_clock and len(np.unique(starts := seconds[offsets[:-1]])) == len(starts):
             return starts.astype(float)
     return None
-
-
-def _since_1970(name: str, column: pa.ChunkedArray) -> Array | None:
-    """Seconds since 1970; None where a value is missing or is no wall-clock time."""
-    if pa.types.is_date(column.type):
-        column = column.cast(pa.timestamp("s"))
-    values = order_values(column)
-    if values is None or not len(values) or pa.types.is_duration(column.type) or pa.types.is_time(column.type):
-        return None
-    seconds = values * (unit_of(name, column.type, values) or 1.0)
-    low, high = _WALL_CLOCK
-    return seconds if low < seconds.min() and seconds.max() < high else None
 
 
 def with_facts(

@@ -125,7 +125,10 @@ def from_parts(
     tables = (
         pa.table(
             {m: _column([part.arrays[m][rows] for part, rows in pieces], types[m]) for m in steps}
-            | {m: pa.array([part.about[m] for part, _ in pieces]).take(_owners(pieces)) for m in whole}
+            | {
+                m: pa.array([part.about[m] for part, rows in pieces for _ in range(rows.stop - rows.start)])
+                for m in whole
+            }
         )
         for pieces in _batches(parts)
     )
@@ -186,11 +189,6 @@ def _batches(parts: Sequence[Part]) -> Iterator[Pieces]:
                 pieces, n_rows = [], 0
     if pieces:
         yield pieces
-
-
-def _owners(pieces: Pieces) -> Array:
-    """The number of the piece of each step."""
-    return np.repeat(np.arange(len(pieces)), [rows.stop - rows.start for _, rows in pieces])
 
 
 def _column(pieces: Sequence[object], dtype: np.dtype[np.generic] | None) -> pa.Array:

@@ -129,18 +129,14 @@ def plain_type(kind: pa.DataType) -> pa.DataType:
 
 def part_names(widths: Mapping[str, int], joints: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
     """A name for every number in columns of these `widths`; no two alike."""
-    short = tuple(part for name, width in widths.items() for part in _parts(name, width, joints.get(name, ())))
-    if len(set(short)) < len(short):
+    found = list[str]()
+    for name, width in widths.items():
+        short, own = short_name(name), joints.get(name, ())
+        each = map(str, own if len(own) == width else range(width))
+        found += [short or "0"] if width == 1 else [f"{short}.{part}" if short else part for part in each]
+    if len(set(found)) < len(found):
         return tuple(f"{name}.{k}" for name, width in widths.items() for k in range(width))
-    return short
-
-
-def _parts(name: str, width: int, joints: Sequence[str]) -> list[str]:
-    short = short_name(name)
-    if width == 1:
-        return [short or "0"]
-    parts = joints if len(joints) == width else range(width)
-    return [f"{short}.{part}" if short else str(part) for part in parts]
+    return tuple(found)
 
 
 def _is_number(text: str) -> bool:
