@@ -17,7 +17,8 @@ from pyarrow import fs
 
 from rpil.data.arrays import group_rows
 from rpil.data.errors import DataError
-from rpil.data.folders import check_inside
+from rpil.data.files import new_folder
+from rpil.data.folders import check_inside, copy_folder
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed
 from rpil.data.memory import check_memory
@@ -253,3 +254,21 @@ def _with_last_frames(shots: Sequence[Shot], fps: float) -> Iterator[Shot]:
     for shot in shots:
         following = later[shot.path][np.searchsorted(later[shot.path], shot.start, "right")]
         yield replace(shot, end=max(shot.end, float(min(shot.start + shot.n_rows / fps, following))))
+
+
+def annotate(path: Path, output: Path, columns: Mapping[str, Mapping[str, object]]) -> None:
+    """Copy the data, the videos and ``meta``, and add `columns`, by name, with a value for each episode's number as
+    text; null where there is none. Columns of these names that are there already are replaced."""
+    for entry in (path / "videos").rglob("*"):
+        check_inside(entry, path)
+    with new_folder(output) as new:
+        for name in ("data", "meta", "videos"):
+            if (path / name).is_dir():
+                copy_folder(path / name, new / name)
+        for place in (new / "meta" / "episodes").rglob("*.parquet"):
+            table = read_table(place)
+            episodes = [*map(str, table["episode_index"].to_pylist())]
+            table = table.drop_columns([name for name in columns if name in table.column_names])
+            for name, values in columns.items():
+                table = table.append_column(name, pa.array([values.get(episode) for episode in episodes]))
+            pq.write_table(table, place)
