@@ -144,7 +144,11 @@ def _read_table(name: str, file: TextTable, columns: Columns, types: Mapping[str
     def whole(table: pa.Table) -> pa.Table:
         if columns.episode == FILE:
             table = table.append_column(FILE, [[without_suffix(name)] * len(table)])
-        return _cleaned(table, columns)
+        table = _cleaned(table, columns)
+        ids = table[columns.episode] if columns.episode in table.column_names else ()
+        if len(ids) and pc.any(pc.equal(ids, columns.episode)).as_py():
+            file.check()  # as it may be a second head
+        return table
 
     def rows(text: pa.NativeFile, *options: object) -> Any:
         if not file.on_disk:

@@ -118,6 +118,8 @@ def text_rows(file: TextTable) -> Iterator[TextRow]:
                 del lines[1:]
             elif values and is_wrong and not lines[0].lstrip().startswith("#"):
                 fault = f"{len(values)} values for {n_columns} columns in {lines[0].strip()[:40]!r}"
+            elif number and not is_wrong and tuple(map(str.strip, values)) == file.names:
+                fault = "it repeats the names of the columns, as where files were joined"
             elif numbers is None and values and not is_wrong:
                 numbers = _numbers_in(values)
             if n_joined > _MOST_JOINED:

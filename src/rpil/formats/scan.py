@@ -136,10 +136,12 @@ class Scan:
             return
         is_text, wanted = layout.action.kind == "U", layout.action_kind
         try:
-            self.kind, self.reason = action_kind(len(self.classes), len(steps), is_text, self._is_whole, wanted, "")
+            self.kind, self.reason = action_kind(
+                len(self.classes), len(steps), is_text, self._is_whole, wanted, steps.source
+            )
         except DataError as error:
-            self.kind, self.reason = "refused", str(error).removeprefix(": ").rstrip(".")
-            self.fault = self.fault or DataError(f"{steps.source}{error}")
+            self.kind, self.reason = "refused", error.in_shell.removeprefix(f"{steps.source}: ").rstrip(".")
+            self.fault = self.fault or error
         if self.kind == "discrete":
             self.layout = replace(layout, action=self.classes.dtype)
         elif self.kind == "continuous":
