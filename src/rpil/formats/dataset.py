@@ -127,7 +127,11 @@ class Layout:
         for one in columns:
             block = flat.column_values(table, one.name, at, self.allows_missing)
             if block.dtype.kind == "U" and out.dtype.kind != "U":
-                raise flat.no_numbers(block, one.name, at)
+                row = next((row for row, text in enumerate(block) if not flat.is_number(text)), 0)
+                said = (
+                    f"holds text ({str(block[row])[:40]!r}), not numbers; write numbers, or leave the column out with"
+                )
+                raise DataError(f"{at(row)}: column {one.name!r} {said} <option>.", "exclude")
             block = block.reshape(len(block), -1)
             if block.shape[1] != one.width:
                 fault = f"holds {block.shape[1]} numbers, not {one.width} as elsewhere"

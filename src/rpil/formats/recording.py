@@ -273,6 +273,14 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
     # Columns of time are read for other things too than the order of the steps.
     others = (name for name in (*columns.orders, *columns.index) if name != columns.order)
     times, videos = dict.fromkeys(others, TIME_OF_STEP), dict.fromkeys(metadata.videos, "video")
+    notes, fps = list[str](), metadata.fps
+    if 1 < len(steps.ids) == n_steps:
+        notes.append(f"Each demonstration has one step: is {columns.episode} the right column of the demonstration?")
+    if fps and recorded and abs(recorded - fps) > 0.01 * fps:
+        notes.append(f"{fps:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}.")
+    if constant := found.constant(steps):
+        named = (f"observation {name}" if name.isdecimal() else name for name in constant)
+        notes.append(f"Constant in each demonstration: {commas(named)}; exclude what nobody could see.")
     return Description(
         source=origin.source,
         format=origin.format_name,
@@ -296,23 +304,12 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
         ranges=found.ranges(),
         outcomes={name: f"--outcome {shlex.quote(name)}" for name in columns.may_be_outcomes},
         notes=(
-            *_notes_on(steps, columns.episode, found, metadata.fps, recorded),
+            *notes,
             *origin.notes,
             *(left_out_lines(origin.skipped) if origin.skipped else ()),
             *metadata.notes(len(steps.ids), n_steps),
         ),
     )
-
-
-def _notes_on(steps: Steps, ids: str, found: Scan, declared: float | None, recorded: float | None) -> Iterator[str]:
-    """Sentences on `ids` of single steps, on frames a second, and on constant observations."""
-    if 1 < len(steps.ids) == len(steps):
-        yield f"Each demonstration has one step: is {ids} the right column of the demonstration?"
-    if declared and recorded and abs(recorded - declared) > 0.01 * declared:
-        yield f"{declared:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}."
-    if constant := found.constant(steps):
-        named = (f"observation {name}" if name.isdecimal() else name for name in constant)
-        yield f"Constant in each demonstration: {commas(named)}; exclude what nobody could see."
 
 
 _RANGE = re.compile(r"(\d{1,18})\s*-\s*(\d{1,18})")

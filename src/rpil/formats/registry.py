@@ -91,7 +91,15 @@ def find_format(path: StrPath) -> Format | None:
     if not place.exists():
         return table_folder.FORMAT if "://" in str(path) or has_magic(str(path)) else None
     check_folder(check_exists(place))
-    return next((one for one in FORMATS if _claims(one, place)), None)
+    for one in FORMATS:
+        try:
+            if one.claims(place):
+                return one
+        except (DataError, MissingExtraError):
+            raise
+        except Exception:  # damaged files make libraries raise errors of very many types
+            continue
+    return None
 
 
 @dataclass(frozen=True)
@@ -181,23 +189,19 @@ class ClaimedPath:
             raise DataError(f"{new}: it is the data themselves, or in them; give another path.")
         if new.is_dir():
             raise DataError(f"{new}: it is there already; give the path of a new folder.")
+        if self.is_list(new):
+            return check_writable(new)
         with guarded(str(path)):
-            if not self.is_list(new):
-                self._check_written(path, new, options)
+            if layout := self.unkept(options):
+                ways = "write the list with -o ids.json, or a table with rpil convert"
+                raise DataError(f"{self.path}: keep writes no {layout}; {ways}.")
+            if path.is_dir() and new.name.lower().endswith(tuple(suffixes())):
+                raise DataError(f"{new}: the data are a folder, so name a folder, or write a table with rpil convert.")
+            extension = path.suffix.lower() or "".join(self.format.suffixes[:1])
+            if path.is_file() and new.suffix.lower() != extension:
+                raise DataError(f"{new}: give it the extension {extension}, or write another format with rpil convert.")
+            self.format.check_output(path, new)
         return check_writable(new)
-
-    def _check_written(self, path: Path, new: Path, options: ColumnOptions) -> None:
-        """A `DataError` where `keep` writes no new file of what is at the path, or none of such a name."""
-        if layout := self.unkept(options):
-            ways = "write the list with -o ids.json, or a table with rpil convert"
-            raise DataError(f"{self.path}: keep writes no {layout}; {ways}.")
-        if path.is_dir() and new.name.lower().endswith(tuple(suffixes())):
-            raise DataError(f"{new}: the data are a folder, so name a folder, or write a table with rpil convert.")
-        if path.is_file() and new.suffix.lower() != (
-            extension := path.suffix.lower() or "".join(self.format.suffixes[:1])
-        ):
-            raise DataError(f"{new}: give it the extension {extension}, or write another format with rpil convert.")
-        self.format.check_output(path, new)
 
     def commands_to_keep(self, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
         """Lines with what to give the tool that wrote the data, so that it takes those `kept` among `ids` only.
@@ -232,16 +236,6 @@ def suffixes() -> list[str]:
         *dict.fromkeys(one.suffixes[0] for one in order if one.suffixes),
         *(s for one in order for s in one.suffixes[1:]),
     ]
-
-
-def _claims(one: Format, path: Path) -> bool:
-    """Whether `path` has the format `one`: not so where it is too damaged to tell."""
-    try:
-        return one.claims(path)
-    except (DataError, MissingExtraError):
-        raise
-    except Exception:  # damaged files make libraries raise errors of very many types
-        return False
 
 
 def downloaded(path: StrPath) -> StrPath:

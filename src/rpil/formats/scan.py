@@ -80,8 +80,14 @@ class Scan:
         self.high = np.fmax(self.high, np.fmax.reduce(values, axis=1))
         self.within &= ((values[:, 1:] == values[:, :-1]) | ~same).all(axis=1)
         self.faulty.update(owners[~np.isfinite(values).all(axis=0)].tolist())
-        for name in [*self.clocks] if same.any() else ():
-            self._follow_clock(name, *(own[same] for own in (read[name][1:], read[name][:-1])))
+        for name in [*self.clocks] if same.any() else ():  # but for the rounding of its numbers
+            now, then = (own[same] for own in (read[name][1:], read[name][:-1]))
+            with np.errstate(invalid="ignore"):
+                grown, rounding = np.subtract(now, then, dtype=float), 2 * np.spacing(np.abs(now).max())
+                step = self.clocks[name] = min(self.clocks[name], float(grown[0, 0]))
+                near = _ROUNDING * step + float(rounding)
+                if not 4 * near < step < inf or not (np.abs(grown - step) <= near).all():
+                    del self.clocks[name]
         actions = np.concatenate([read[one.name] for one in self.layout.actions], axis=1)
         before = actions[:-1][same]
         same_values = ((name, read[name][1:][same]) for name in self.repeats)
@@ -90,15 +96,6 @@ class Scan:
         self._n_changes += int((before != actions[1:][same]).any(axis=1).sum())
         if not self.layout.n_parts:
             self._add_action(table, at)
-
-    def _follow_clock(self, name: str, values: Array, before: Array) -> None:
-        """Strike out a clock that does not grow by its constant, but for the rounding of its numbers."""
-        with np.errstate(invalid="ignore"):
-            grown, rounding = np.subtract(values, before, dtype=float), 2 * np.spacing(np.abs(values).max())
-            step = self.clocks[name] = min(self.clocks[name], float(grown[0, 0]))
-            near = _ROUNDING * step + float(rounding)
-            if not 4 * near < step < inf or not (np.abs(grown - step) <= near).all():
-                del self.clocks[name]
 
     def _add_action(self, table: pa.Table, at: Place) -> None:
         """Add the actions of one column, but for those that are missing."""

@@ -134,13 +134,9 @@ def from_parts(
     )
     if longer := [name for name in steps if any(part.arrays[name].shape[0] > part.n_steps for part in parts)]:
         notes = (*notes, f"The last value of {commas(longer)}, which comes after the last action, is left out.")
-    notes = (*notes, *without_steps(empty))
+    if empty:
+        notes = (*notes, f"Left out, because they have no steps: {commas(empty)}.")
     return StepTables(tables, columns, source, format_name, metadata=metadata, notes=notes)
-
-
-def without_steps(ids: Sequence[object]) -> tuple[str, ...]:
-    """The note that the demonstrations called `ids` are left out; none where there are none."""
-    return (f"Left out, because they have no steps: {commas(map(str, ids))}.",) if ids else ()
 
 
 def _kinds(part: Part) -> dict[str, Kind]:

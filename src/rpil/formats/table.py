@@ -61,7 +61,7 @@ def _kind_of(column: pa.ChunkedArray) -> Kind:
         texts = [text.strip() for text in column.unique().to_pylist() if text]
         if any("[" in text or "." in text for text in texts) and all(map(_WRITTEN_LIST.fullmatch, texts)):
             return "written list"
-        return "mixed" if texts and 2 * sum(map(_is_number, texts)) >= len(texts) else "text"
+        return "mixed" if texts and 2 * sum(map(is_number, texts)) >= len(texts) else "text"
     n_rows = len(column)
     if kind != "number" or n_rows < _COUNTED_ROWS or column.null_count or column[0].as_py() not in (0, 1):
         return kind
@@ -93,16 +93,6 @@ def step_columns(ids: Sequence[object], offsets: Array) -> dict[str, Array]:
         EPISODE[0]: np.repeat(np.array(ids), lengths),
         STEP: np.arange(offsets[-1]) - np.repeat(offsets[:-1], lengths),
     }
-
-
-def no_numbers(texts: Array, name: str, at: Place) -> DataError:
-    """The error that a column holds `texts`, at the first that is no number."""
-    row = next((row for row, text in enumerate(texts) if not _is_number(text)), 0)
-    return DataError(
-        f"{at(row)}: column {name!r} holds text ({str(texts[row])[:40]!r}), not numbers; write numbers, or "
-        "leave the column out with <option>.",
-        "exclude",
-    )
 
 
 def end_to_end(tables: Sequence[pa.Table], source: str) -> pa.Table:
@@ -139,7 +129,7 @@ def part_names(widths: Mapping[str, int], joints: Mapping[str, Sequence[str]]) -
     return tuple(found)
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
     try:
         float(text)
     except ValueError:

@@ -102,7 +102,11 @@ def _listed(path: StrPath) -> tuple[fs.FileSystem, str, list[str], list[str]]:
             else:
                 filesystem, place = fs.LocalFileSystem(), os.path.abspath(where)
                 if not os.path.exists(place) and glob.has_magic(place):
-                    return filesystem, "", *_matches(place)
+                    found = _tables(sorted(glob.glob(place, recursive=True)), place)
+                    top = next(folder for folder in PurePath(place).parents if not glob.has_magic(str(folder)))
+                    for one in itertools.chain(*found):
+                        check_inside(one, top)
+                    return filesystem, "", *found
                 check_exists(where)
             if isinstance(filesystem, fs.LocalFileSystem):
                 check_folder(place)
@@ -118,15 +122,6 @@ def _listed(path: StrPath) -> tuple[fs.FileSystem, str, list[str], list[str]]:
             reason = in_words(error)
             raise DataError(f"{where}: addresses of this kind need a package of their own ({reason}).") from error
         return filesystem, place, *_tables(sorted(i.path for i in entries if i.type == fs.FileType.File), place)
-
-
-def _matches(pattern: str) -> tuple[list[str], list[str]]:
-    """The tables that a pattern matches; no link may lead out of the folder in which it begins."""
-    found = _tables(sorted(glob.glob(pattern, recursive=True)), pattern)
-    top = next(folder for folder in PurePath(pattern).parents if not glob.has_magic(str(folder)))
-    for path in itertools.chain(*found):
-        check_inside(path, top)
-    return found
 
 
 def _tables(paths: list[str], top: str) -> tuple[list[str], list[str]]:
