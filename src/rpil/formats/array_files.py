@@ -18,7 +18,7 @@ from rpil.data.files import replacing
 from rpil.data.folders import is_hidden
 from rpil.data.guard import guarded
 from rpil.data.held import held_bytes
-from rpil.data.json_files import read_json
+from rpil.data.json_files import object_in, read_json
 from rpil.data.names import TASK, is_observation, may_be_outcome, natural_key, plain_name
 from rpil.data.npy import Npz, opened_npz, write_npz
 from rpil.formats.array_layout import ROLES, Arrays
@@ -36,6 +36,12 @@ _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _FILE_NAME, _GROUP_NAME, _STEPS_OF_TIME = "name of the file", "name of the group", 10
 _STATES = "There are no observations: the simulator's states are used; dataset_states_to_obs.py writes some."
 _OF_NUMBERS = ROLES["names"]
+
+_ATTRIBUTES = {
+    "task": ("ep_meta/lang", "env_args/env_name", "env_info/env_name", "env_args/env_kwargs/env_name", "env"),
+    "rate": tuple(f"{m}/control_freq" for m in ("env_args", "env_info", "env_args/env_kwargs", "env_info/env_kwargs")),
+}
+"""The attributes of a group that say its task and its steps a second, with the keys in an object of JSON there."""
 
 
 def claims(path: Path) -> bool:
@@ -147,11 +153,11 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> Step
     names = dict.fromkeys(path.split("/")[1] for path in these.arrays if within and path.startswith(within))
     if without := commas([name for name in names if name not in groups]):
         notes = (*notes, f"Left out, because they are links, or hold no actions: {without}.")
-    rate, task = (these.said(these.attributes(within), what) for what in ("rate", "task"))
+    rate, task = (_said(these.attributes(within), what) for what in ("rate", "task"))
     parts, lengths = list[Part](), dict[Id, int]()
     for name, one in groups.items():
         attributes = these.attributes(within + name)
-        words = these.said(attributes, "task") or task
+        words = _said(attributes, "task") or task
         about = {"task": words} if isinstance(words, str) else {}
         parts.append(replace(one, about={_GROUP_NAME: name, **about}))
         stated = attributes.get("num_samples")
@@ -160,6 +166,20 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> Step
     name = f"{these.kind} of robomimic's layout" if within else f"{these.kind}, a group for each demonstration"
     metadata = Metadata(fps=fps, lengths=lengths)
     return replace(from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes), ignored=ignored)
+
+
+def _said(attributes: Mapping[str, object], what: str) -> object:
+    """What the attributes of a group say of the task or the rate, by `_ATTRIBUTES`; None where they say nothing."""
+    for place in _ATTRIBUTES[what]:
+        name, *keys = place.split("/")
+        if name not in attributes:  # faster than an error of the library
+            continue
+        value = attributes[name]
+        for key in keys:
+            value = (value if isinstance(value, dict) else object_in(value)).get(key)
+        if isinstance(value, str | int | float) and value:
+            return value
+    return None
 
 
 def _rows(file: Path, name: str, rows: slice) -> object:

@@ -15,7 +15,6 @@ import numpy as np
 
 from rpil.data.arrays import are_whole, as_names
 from rpil.data.errors import DataError
-from rpil.data.json_files import object_in
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.data.names import ACTION_COLUMNS, EPISODE, may_be_outcome, plain_name
 from rpil.formats.columns import ColumnOptions, as_list
@@ -39,12 +38,6 @@ ROLES = {
     "names": ("observation_names",),
 }
 """The names of the arrays of each role; the first one that is there counts."""
-
-ATTRIBUTES = {
-    "task": ("ep_meta/lang", "env_args/env_name", "env_info/env_name", "env_args/env_kwargs/env_name", "env"),
-    "rate": tuple(f"{m}/control_freq" for m in ("env_args", "env_info", "env_args/env_kwargs", "env_info/env_kwargs")),
-}
-"""The attributes of a group that say its task and its steps a second, with the keys in an object of JSON there."""
 
 _NUMBERED = "episode"  # the column of the id where demonstrations have no names but their numbers
 _ASIDE = (*ROLES["offsets"], *ROLES["names"])  # which are no columns of steps
@@ -130,20 +123,6 @@ class Arrays:
         """That the data are of a simulation, and that links are not read, in words."""
         sim = ("Recorded in a simulation.",) if str(self.attributes("").get("sim")) in ("True", "1") else ()
         return (*sim, *([f"Not read, because they are links: {commas(self.links)}."] if self.links else []))
-
-    @staticmethod
-    def said(attributes: Mapping[str, object], what: str) -> object:
-        """What the attributes of a group say of the task or the rate, by `ATTRIBUTES`; None where they say nothing."""
-        for place in ATTRIBUTES[what]:
-            name, *keys = place.split("/")
-            if name not in attributes:  # faster than an error of the library
-                continue
-            value = attributes[name]
-            for key in keys:
-                value = (value if isinstance(value, dict) else object_in(value)).get(key)
-            if isinstance(value, str | int | float) and value:
-                return value
-        return None
 
     def groups(self) -> tuple[str, dict[str, Part]]:
         """Where the groups of demonstrations are, and the arrays in each that holds actions, by its name."""
@@ -305,7 +284,7 @@ def _by_lengths(these: Arrays) -> Array | None:
 
 def _by_offsets(these: Arrays) -> Array | None:
     ends, n = these.values(name := these.names["offsets"][0]), these.n_steps
-    lengths = np.diff(ends.ravel().astype(np.int64), prepend=0)
+    lengths: Array = np.diff(ends.ravel().astype(np.int64), prepend=0)
     if ends.ndim != 1 or ends.dtype.kind not in "iu" or lengths.min(initial=0) < 0 or lengths.sum() != n:
         said = f"must hold rising numbers of steps, one a demonstration, up to the {n:,} of the actions"
         raise DataError(f"{these.source}: {name} {said}; write it again.")

@@ -237,9 +237,9 @@ def guess_actions(numbers: Iterable[str], texts: Iterable[str] = (), head: pa.Ta
     if controls := {name: found for name in own if (found := _CONTROL.fullmatch(plain_name(name)))}:
         return [] if all(found["pedal"] for found in controls.values()) else [*controls]  # a wheel of another name
     decisions = [name for name in (*own, *texts) if plain_name(name).rstrip("s") in ("choice", "order")]
-    own = {name: column.to_numpy() for name, column in _there(head, decisions).items()}
-    counts = {m for m, x in own.items() if x.dtype.kind in "iuf" and np.sum(np.diff(x) == 1) > len(x) / 2}
-    return [name for name in own if name not in counts][:1]  # it counts rows where most numbers are one more
+    decided = {name: column.to_numpy() for name, column in _there(head, decisions).items()}
+    counts = {m for m, x in decided.items() if x.dtype.kind in "iuf" and np.sum(np.diff(x) == 1) > len(x) / 2}
+    return [name for name in decided if name not in counts][:1]  # it counts rows where most numbers are one more
 
 
 def one_id(head: pa.Table | None, names: Iterable[str]) -> str:

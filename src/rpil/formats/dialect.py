@@ -27,7 +27,7 @@ TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 _SUFFIX = re.compile(r"\.(?:csv|tsv|txt)(?:\.gz)?$", re.IGNORECASE)
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 _HEAD_LINES = 200
-_MEMORY_PER_BYTE = 4  # of a file whose numbers have four characters
+MEMORY_PER_BYTE = 4  # of a file whose numbers have four characters
 _CHUNK = 16 * MIB
 _MOST_JOINED = MIB  # lines that are looked at again, because quotations join them
 _COMMENT = re.compile(r"\s*#|sep=.$", re.IGNORECASE)  # Excel writes the separator into a line of its own
@@ -209,7 +209,7 @@ def _decoded(path: Path, options: ColumnOptions) -> tuple[str, str, int]:
                     encoding = "utf-16" if chunk.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else encoding
                     decoder = codecs.getincrementaldecoder(encoding)()
                 n_bytes += len(chunk)
-                check_memory(0 if options.on_disk else _MEMORY_PER_BYTE * n_bytes, path.name, options.memory)
+                check_memory(0 if options.on_disk else MEMORY_PER_BYTE * n_bytes, path.name, options.memory)
                 text = decoder.decode(chunk)
                 head, is_quoted = head or text, is_quoted or '"' in text
                 n_lines += text.count("\n") + text.count("\r") - text.count("\r\n")

@@ -37,36 +37,17 @@ class Frame(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class StepTables:
-    """What a reader gives: tables one below the other, with a row for each step, and what the files say beside them.
+    """What a reader gives: tables one below the other, with a row for each step, and what the files say beside them."""
 
-    Attributes
-    ----------
-    tables : iterable of pyarrow.Table
-        Read one by one; or a file of them.
-    columns : Columns
-    source, format_name : str
-        The names of the data and of their format in messages.
-    sizes : mapping of str to int
-        The numbers of rows from each file, for formats in which files may state the order of demonstrations.
-    metadata : Metadata
-        Of LeRobot.
-    notes : tuple of str
-        What a user should know, in sentences.
-    ignored : mapping of str to str
-        Parts of the file that are no columns, and why they are not read.
-    skipped : tuple of str
-        Damaged files and lines, which are not read.
-    """
-
-    tables: Iterable[pa.Table] | ArrowFile
+    tables: Iterable[pa.Table] | ArrowFile  # read one by one; or a file of them
     columns: Columns
-    source: str
+    source: str  # the name of the data in messages
     format_name: str
-    sizes: Mapping[str, int] = field(default_factory=dict)
+    sizes: Mapping[str, int] = field(default_factory=dict)  # rows of each file, where files may state an order
     metadata: Metadata = Metadata()
-    notes: tuple[str, ...] = ()
-    ignored: Mapping[str, str] = field(default_factory=dict)
-    skipped: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what a user should know, in sentences
+    ignored: Mapping[str, str] = field(default_factory=dict)  # parts of the file that are no columns, and why
+    skipped: tuple[str, ...] = ()  # damaged files and lines, which are not read
 
 
 def from_arrow(

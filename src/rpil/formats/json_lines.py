@@ -21,11 +21,11 @@ from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE
 from rpil.formats.description import damaged_lines, parts_in_words
+from rpil.formats.dialect import MEMORY_PER_BYTE
 from rpil.formats.format import Format, StepTables, from_arrow, keep_one_file, plain_columns
 from rpil.formats.table_folder import has_tables
 
 JSON_SUFFIXES = (".jsonl", ".ndjson", ".catalog")
-_MEMORY_OF_BYTE = 4  # of a file whose numbers have four characters
 _LARGEST_BLOCK = (1 << 31) - 1
 _NO_LINES = "no lines of JSON, or damaged or truncated ones", "write an object of the same kind on each line"
 _LINE = "\0line"  # the column of the number of a line, as no other is called
@@ -44,7 +44,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     Where no column tells demonstrations apart, each file of a folder is one.
     """
     files = {file.relative_to(path).as_posix() if path.is_dir() else file.name: file for file in _files(path)}
-    check_memory(_MEMORY_OF_BYTE * sum(file.stat().st_size for file in files.values()), path.name, options.memory)
+    check_memory(MEMORY_PER_BYTE * sum(file.stat().st_size for file in files.values()), path.name, options.memory)
     found = {name: _parsed(file, options) for name, file in files.items()}
     tables = {name: _steps(table).drop_columns([_LINE]) for name, (table, _) in found.items()}
     skipped = tuple(parts_in_words(damaged, "line", [name]) for name, (_, damaged) in found.items() if damaged)

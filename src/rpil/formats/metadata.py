@@ -161,21 +161,11 @@ _WALL_CLOCK = 5e8, 1e10
 
 @dataclass(frozen=True, eq=False)
 class Times:
-    """What a recording says about its times and lengths.
+    """What a recording says about its times and lengths."""
 
-    Attributes
-    ----------
-    timestamps : (N,) array, optional
-        Time of each step in seconds, in the order of the demonstrations; NaN where it is missing.
-    fps : float, optional
-        Frames a second.
-    frames : mapping of id to int
-        Frames that each demonstration should have.
-    """
-
-    timestamps: Float[Array, " N"] | None = None
-    fps: float | None = None
-    frames: Mapping[Id, int] = field(default_factory=dict)
+    timestamps: Float[Array, " N"] | None = None  # of each step in seconds; NaN where it is missing
+    fps: float | None = None  # frames a second
+    frames: Mapping[Id, int] = field(default_factory=dict)  # that each demonstration should have
 
 
 @dataclass(frozen=True, eq=False)

@@ -116,9 +116,9 @@ class ClaimedPath:
         if on_disk is None:
             with suppress(TooLargeError):
                 return self.read(options, on_disk=False)
-            place = tempfile.gettempdir()
+            folder = tempfile.gettempdir()
             logging.getLogger("rpil").warning(
-                "%s: larger than the memory it may take, so copied to %s.", self.path, place
+                "%s: larger than the memory it may take, so copied to %s.", self.path, folder
             )
             return self.read(options, on_disk=True)
         with holding(), guarded(str(self.path)):

@@ -30,37 +30,19 @@ _ROUNDING = 1e-3  # of the steps of a time, as texts round them
 class Scan:
     """What the steps hold. Ranges are computed from values: pyarrow crashes on damaged Parquet statistics.
 
-    Attributes
-    ----------
-    layout : Layout
-        Afterwards with the type of the actions, and without the columns that are `left_out`.
-    kind, reason : str
-        "discrete", "continuous" or, where actions cannot be what is wanted, "refused", and why.
-    classes : array
-        The different actions in order, if they are discrete.
-    fault : DataError, optional
-        Of the first step whose action cannot be one.
-    left_out : dict of str to str
-        Columns that were to be observations, and why their values are none: the last action, or a time.
-    repeats, clocks : set of str, dict of str to float
-        Columns of observations that may be left out: that repeat the action of the step before, and that grow by a
-        constant in every step, which is infinite before the first.
-    missing, low, high, within : (K,) arrays
-        Of each number of an action and an observation: how often it is missing, its smallest and largest value, and
-        whether it is the same within every demonstration.
-    faulty : set of int
-        Numbers of the demonstrations in which a value is missing or infinite.
+    `missing`, `low`, `high` and `within`, (K,), say of each number of an action and an observation how often it is
+    missing, its smallest and largest value, and whether it is the same within every demonstration.
     """
 
-    layout: Layout
-    kind: str = ""
+    layout: Layout  # afterwards with the type of the actions, and without the columns that are `left_out`
+    kind: str = ""  # "discrete", "continuous" or, where actions cannot be what is wanted, "refused"
     reason: str = ""
-    classes: Array = field(default_factory=lambda: np.empty(0))
-    fault: DataError | None = None
-    left_out: dict[str, str] = field(default_factory=dict)
-    repeats: set[str] = field(default_factory=set)
-    clocks: dict[str, float] = field(default_factory=dict)
-    faulty: set[int] = field(default_factory=set)
+    classes: Array = field(default_factory=lambda: np.empty(0))  # the different actions in order, if they are discrete
+    fault: DataError | None = None  # of the first step whose action cannot be one
+    left_out: dict[str, str] = field(default_factory=dict)  # columns that are no observations, and why by their values
+    repeats: set[str] = field(default_factory=set)  # columns that repeat the action of the step before
+    clocks: dict[str, float] = field(default_factory=dict)  # that grow by a constant, infinite before the first step
+    faulty: set[int] = field(default_factory=set)  # demonstrations in which a value is missing or infinite
     _is_whole: bool = True
     _n_changes: int = 0
 

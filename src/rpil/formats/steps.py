@@ -140,26 +140,14 @@ def _writing(name: str) -> Iterator[None]:
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """The steps of M demonstrations end to end, in order, a row of the `table` each.
-
-    Attributes
-    ----------
-    source : str
-        The name of the data in messages.
-    sizes : mapping of str to int
-        The numbers of rows from each file; none for formats in which files say nothing of demonstrations.
-    place : (N,) array, optional
-        The number that each row has in the files; None where all stay where they are, and none is left out.
-    ids, offsets : tuple, (M + 1,) array
-        Of the demonstrations; there are none before these are known.
-    """
+    """The steps of M demonstrations end to end, in order, a row of the `table` each."""
 
     table: pa.Table | ArrowFile
-    source: str
-    sizes: Mapping[str, int] = field(default_factory=dict)
-    place: Array | None = None
-    ids: tuple[Id, ...] = ()
-    offsets: Int[Array, " _"] = field(default_factory=lambda: np.zeros(1, np.int64))
+    source: str  # the name of the data in messages
+    sizes: Mapping[str, int] = field(default_factory=dict)  # rows of each file, where files tell of demonstrations
+    place: Array | None = None  # (N,), of each row in the files; None where all are there and stay where they are
+    ids: tuple[Id, ...] = ()  # none before the demonstrations are known
+    offsets: Int[Array, " _"] = field(default_factory=lambda: np.zeros(1, np.int64))  # (M + 1,)
 
     def __len__(self) -> int:
         return len(self.table)
