@@ -86,7 +86,7 @@ def called(*suffixes: str) -> Callable[[Path], bool]:
     return lambda path: path.is_file() and path.name.lower().endswith(suffixes)
 
 
-def write_list(path: Path, output: Path, ids: Sequence[Id]) -> None:
+def write_list(output: Path, ids: Sequence[Id]) -> None:
     """Write ids as JSON, ``{"episodes": [...]}``, where the `output` is called so, or else as text, one a line."""
     is_json = output.suffix.lower() == ".json"
     text = json.dumps({"episodes": [*ids]}, indent=1) if is_json else "\n".join(map(str, ids))
@@ -132,8 +132,6 @@ class Format:
         Ids are as `read` gives them, or text. Nothing is at the output where it fails.
     unkept : function of a path and the options for columns
         What `keep` writes no new file of, in words; empty where it writes one.
-    keep_list : function of a path, that of the output, and ids
-        Writes the list of these ids, which `read` gives, in the order of the file.
     has_own_ids : bool
         Whether demonstrations are kept by ids of their own, and not by those of a column.
     suffixes : tuple of str
@@ -159,7 +157,6 @@ class Format:
     read: Callable[[Path, ColumnOptions], StepTables]
     keep: Keep | None = None
     unkept: Callable[[Path, ColumnOptions], str] = lambda *_: ""
-    keep_list: Callable[[Path, Path, Sequence[Id]], None] = write_list
     has_own_ids: bool = False
     suffixes: tuple[str, ...] = ()
     write: Callable[[Path, Demonstrations, Mapping[str, Array]], None] | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
@@ -74,27 +75,25 @@ def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
         order = np.array(steps.ids, dtype=float)
     elif files:
         order = start_times({name: table[name] for name in clock_columns(columns)}, steps.offsets)
-    sessions = () if columns.session is None else _sessions(table, columns.session, steps, files)
+    sessions = () if columns.session is None else _sessions(columns.session, steps, files)
     outcomes = tuple(_outcome(table, name, columns, steps.offsets, steps.source) for name in columns.outcomes)
     return Facts(order, sessions, outcomes, columns.outcomes)
 
 
-def _sessions(table: pa.Table, name: str, steps: Steps, files: Sequence[str]) -> tuple[str, ...]:
+def _sessions(name: str, steps: Steps, files: Sequence[str]) -> tuple[str, ...]:
     """The session of each demonstration."""
-    if name == FILE_SESSION and name not in table.column_names:
+    if name == FILE_SESSION and name not in steps.table.schema.names:
         if not files:
             raise DataError(f"{steps.source}: its files make no sessions; name a column with <option>.", "session")
         return tuple(files)
-    values, codes = encoded(table[name])
-    low, high = (extreme.reduceat(codes, steps.offsets[:-1]) for extreme in (np.minimum, np.maximum))
-    wrong = np.flatnonzero((low < 0) | (low != high))
-    if len(wrong):
-        fault = "has no value" if low[wrong[0]] < 0 else "changes"
-        raise DataError(
-            f"{steps.source}, demonstration {steps.ids[wrong[0]]!r}: column {name!r} {fault} within it; give it one "
-            "session."
-        )
-    return tuple(str(values[code]) for code in low.tolist())
+    pairs, ids = pairs_of(steps, name), {str(m): m for m in steps.ids}
+    counts = Counter(m for m, _ in pairs)
+    for m, value in pairs:
+        if value is None or counts[m] > 1:
+            fault = "has no value" if value is None else "changes"
+            place = f"{steps.source}, demonstration {ids[m]!r}"
+            raise DataError(f"{place}: column {name!r} {fault} within it; give it one session.")
+    return tuple(str(value) for _, value in pairs)
 
 
 def _outcome(table: pa.Table, wanted: str, columns: Columns, offsets: Array, source: str) -> Float[Array, " M"]:

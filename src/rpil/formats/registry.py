@@ -26,7 +26,7 @@ from rpil.data.held import holding
 from rpil.data.memory import TooLargeError, check_memory
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, StepTables, called, from_arrow, kept_of
+from rpil.formats.format import Format, StepTables, called, from_arrow, kept_of, write_list
 from rpil.formats.recording import Recording, from_tables
 
 _HUB_NAME = re.compile(r"(hf://datasets/)?([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)")
@@ -143,7 +143,7 @@ class ClaimedPath:
             if not ids:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
             if self.is_list(new):
-                self.format.keep_list(path, new, kept_of(there or self.read(options).ids, ids, path))
+                write_list(new, kept_of(there or self.read(options).ids, ids, path))
             else:
                 assert self.format.keep is not None, "check_output refuses what is not written"
                 self.format.keep(path, new, ids, options)

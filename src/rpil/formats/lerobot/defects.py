@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -54,9 +54,9 @@ def find_defects(path: Path, look: bool) -> list[Defect]:
     return list(found)
 
 
-def in_times(folder: CheckedFolder, only: Collection[str] | None = None) -> Iterator[Defect]:
-    """Episodes, `only` these or all, with times that LeRobot does not find in a video, or of other frames a second."""
-    wrong = {m: rows for m, rows in folder.data.items() if rows.off and (only is None or str(m) in only)}
+def in_times(folder: CheckedFolder) -> Iterator[Defect]:
+    """Episodes with times that LeRobot does not find in a video, or of other frames a second."""
+    wrong = {m: rows for m, rows in folder.data.items() if rows.off}
     if wrong:
         fps, off = float(folder.info["fps"]), np.max([rows.off for rows in wrong.values()])
         recorded = np.median([rows.fps for rows in wrong.values()])

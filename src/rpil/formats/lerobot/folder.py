@@ -27,7 +27,7 @@ from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import quoted
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Defect, Format, Shot, write_list
+from rpil.formats.format import Format, Shot
 from rpil.formats.lerobot import checked_folder, video
 from rpil.formats.lerobot.checked_folder import EPISODES_STATS, INFO, PATHS, STATS, ByFeature, CheckedFolder
 from rpil.formats.lerobot.defects import find_defects, find_shots, in_times, in_videos
@@ -212,21 +212,10 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
         with guarded(path / "meta"):
             written = CheckedFolder(new)
             found = [*in_times(written), *in_videos(written, False)]
-    _tell_of(output, found)
-
-
-def keep_list(path: Path, output: Path, ids: Sequence[Id]) -> None:
-    """Write the list of the episodes, sorted."""
-    write_list(path, output, sorted(map(int, ids)))
-    _tell_of(path, [*in_times(CheckedFolder(path), {*map(str, ids)})])
-
-
-def _tell_of(where: Path, found: Sequence[Defect]) -> None:
-    """Warn of the first of the defects of each kind."""
     for what in dict.fromkeys(one.what for one in found):
         first, *others = (one for one in found if one.what == what)
         more = f" (and {len(others)} more: rpil check lists them)" if others else ""
-        warnings.warn(f"{where}, {what} of {first.place}: {first.sentence}{more}.", stacklevel=1)
+        warnings.warn(f"{output}, {what} of {first.place}: {first.sentence}{more}.", stacklevel=1)
 
 
 def _write(kept: Kept) -> None:
@@ -332,7 +321,6 @@ FORMAT = Format(
     claims=claims,
     read=table_folder.read,
     keep=keep,
-    keep_list=keep_list,
     has_own_ids=True,
     check_output=check_output,
     commands_to_keep=commands,
