@@ -117,55 +117,29 @@ class Shot:
 
 @dataclass(frozen=True)
 class Format:
-    """What a format can do; what is left out of the record, it cannot.
+    """What a format can do; what is left out of the record, it cannot."""
 
-    Attributes
-    ----------
-    name : str
-        In messages.
-    claims : function of a path
-        Whether the file or folder there has this format. Return False if unsure; raise `DataError` only to stop the
-        search.
-    read : function of a path and the options for columns
-        Its `StepTables`; a `DataError` where it cannot be read.
-    keep : Keep, optional
-        Ids are as `read` gives them, or text. Nothing is at the output where it fails.
-    unkept : function of a path and the options for columns
-        What `keep` writes no new file of, in words; empty where it writes one.
-    has_own_ids : bool
-        Whether demonstrations are kept by ids of their own, and not by those of a column.
-    suffixes : tuple of str
-        Extensions of its files; those that `write` writes have the first.
-    write : function of a path, demonstrations and arrays (M,) by name, optional
-        Writes demonstrations, and true values for each, which `read` ignores.
-    check_output : function of the path of the data, and that of the output
-        A `DataError` where `keep` cannot write there, before any work; extensions are compared before.
-    find_defects : function of a path, optional
-        What beside the demonstrations does not agree with them; with True, in videos too.
-    annotate : function of a path, that of a new folder and columns, optional
-        Writes a copy that says more of each demonstration: by the name of a column, values by ids as text.
-    shots : function of a path, optional
-        Where in video files each demonstration is seen; files need not be there.
-    commands_to_keep : function of a path, all ids, those kept, and the output of `keep`
-        Lines with what to give the tool that wrote the data, so that it takes the kept ones only.
-    notes_on_weights : tuple of str
-        Sentences on how that tool takes weights.
-    """
-
-    name: str
+    name: str  # in messages
+    # Whether the file or folder there has this format: False if unsure, and a `DataError` only to stop the search.
     claims: Callable[[Path], bool]
-    read: Callable[[Path, ColumnOptions], StepTables]
-    keep: Keep | None = None
+    read: Callable[[Path, ColumnOptions], StepTables]  # a `DataError` where it cannot be read
+    keep: Keep | None = None  # ids are as `read` gives them, or text; nothing is at the output where it fails
+    # What `keep` writes no new file of, in words; empty where it writes one.
     unkept: Callable[[Path, ColumnOptions], str] = lambda *_: ""
-    has_own_ids: bool = False
-    suffixes: tuple[str, ...] = ()
+    has_own_ids: bool = False  # whether demonstrations are kept by ids of their own, and not by those of a column
+    suffixes: tuple[str, ...] = ()  # extensions of its files; those that `write` writes have the first
+    # Writes demonstrations to a path, and true values (M,) for each by name, which `read` ignores.
     write: Callable[[Path, Demonstrations, Mapping[str, Array]], None] | None = None
+    # A `DataError` where `keep` cannot write the data to the output, before any work; extensions are compared before.
     check_output: Callable[[Path, Path], object] = lambda *_: None
+    # What beside the demonstrations does not agree with them; with True, in videos too.
     find_defects: Callable[[Path, bool], list[Defect]] | None = None
+    # Writes a copy to a new folder that says more of each demonstration: by the name of a column, values by id as text.
     annotate: Callable[[Path, Path, Mapping[str, Mapping[str, object]]], None] | None = None
-    shots: Callable[[Path], Sequence[Shot]] | None = None
+    shots: Callable[[Path], Sequence[Shot]] | None = None  # where in video files each is seen; these need not be there
+    # Lines with what to give the tool that wrote the data so that, of all ids, it takes those that `keep` wrote only.
     commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = lambda *_: []
-    notes_on_weights: tuple[str, ...] = ()
+    notes_on_weights: tuple[str, ...] = ()  # sentences on how that tool takes weights
 
 
 def kept_of(there: Iterable[K], ids: Sequence[Id], path: Path) -> list[K]:
