@@ -84,9 +84,12 @@ class _FileArray:
     def _stored(self) -> h5py.h5d.DatasetID | None:
         import h5py
 
-        one = h5py.h5o.open(self._file.id, self._path.encode("utf-8", "surrogateescape"))  # faster than by its class
-        if not isinstance(one, h5py.h5d.DatasetID):
-            return None
+        where = self._file.id, self._path.encode("utf-8", "surrogateescape")
+        try:
+            one = h5py.h5d.open(*where)  # faster than by its class
+        except KeyError:  # maybe a type, or a group of nothing
+            if not isinstance(one := h5py.h5o.open(*where), h5py.h5d.DatasetID):
+                return None
         is_away = one.get_offset() is None and (h5py.Dataset(one).is_virtual or h5py.Dataset(one).external)
         return None if is_away else one
 
