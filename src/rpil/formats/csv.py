@@ -71,15 +71,6 @@ def _end_to_end(files: Mapping[str, ArrowFile]) -> Iterator[pa.Table]:
             yield table.cast(schema)
 
 
-def _cleaned(table: pa.Table, columns: Columns) -> pa.Table:
-    """The table without spaces around texts, and null for "", but for observations."""
-    for k, field in enumerate(table.schema):
-        if flat.kind_of_type(field.type) == "text" and field.name not in columns.observations:
-            texts = each_text(lambda text: from_cell(text.strip()) or None, table[k].cast(pa.string()))
-            table = table.set_column(k, field.name, texts)
-    return table
-
-
 def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
     """Write tables of one schema one below the other, text so that it is no formula; one is in memory at a time."""
     first = next(tables)
@@ -144,7 +135,10 @@ def _read_table(name: str, file: TextTable, columns: Columns, types: Mapping[str
     def whole(table: pa.Table) -> pa.Table:
         if columns.episode == FILE:
             table = table.append_column(FILE, [[without_suffix(name)] * len(table)])
-        table = _cleaned(table, columns)
+        for k, field in enumerate(table.schema):  # spaces around texts go, and "" is null, but for observations
+            if flat.kind_of_type(field.type) == "text" and field.name not in columns.observations:
+                texts = each_text(lambda text: from_cell(text.strip()) or None, table[k].cast(pa.string()))
+                table = table.set_column(k, field.name, texts)
         ids = table[columns.episode] if columns.episode in table.column_names else ()
         if len(ids) and pc.any(pc.equal(ids, columns.episode)).as_py():
             file.check()  # as it may be a second head

@@ -182,7 +182,9 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
         said = f"the first row holds numbers, not names; put the names of its {len(names)} columns above it"
         raise DataError(f"{path.name}: {said}, or give a frame in Python, as pandas.read_csv(FILE, names=[...]).")
     names = [name or (f"Unnamed: {k}" if k else "") for k, name in enumerate(names)]
-    decimal = _decimal(lines[skip:], separator)
+    cells = (cell.strip('"') for line in lines[skip:] if separator != "," for cell in line.split(separator))
+    signs = {found[1] for cell in cells if (found := _WRITTEN_NUMBER.fullmatch(cell))}
+    decimal = "," if "," in signs and "." not in signs else "."
     file = TextTable(path, tuple(names), skip, separator, encoding, decimal, options.on_disk, n_lines)
     if not options.skip_bad:
         return file
@@ -215,12 +217,3 @@ def _decoded(path: Path, options: ColumnOptions) -> tuple[str, str, int]:
                 n_lines += text.count("\n") + text.count("\r") - text.count("\r\n")
             return head, encoding, is_quoted * (n_lines + (not text.endswith(("\n", "\r"))))
     return "", encoding, 0
-
-
-def _decimal(lines: list[str], separator: str) -> str:
-    """A comma where values such as 1,5 occur between other separators, and none such as 1.5."""
-    if separator == ",":
-        return "."
-    values = (value.strip('"') for line in lines for value in line.split(separator))
-    signs = {found[1] for value in values if (found := _WRITTEN_NUMBER.fullmatch(value))}
-    return "," if "," in signs and "." not in signs else "."

@@ -38,8 +38,15 @@ _REFUSED = {
 
 
 def read(path: StrPath, options: ColumnOptions) -> StepTables:
-    """The recording in the Parquet files of a folder, or else in its text tables."""
-    filesystem, parquet_files, text_files, others = _found(path)
+    """The recording in the Parquet files of a folder, or else in its text tables.
+
+    A .txt file may be any text, as a licence: it is read where no file has another ending of a table.
+    """
+    filesystem, parquet_files, texts = find_files(path)
+    text_files = [] if parquet_files else [one for one in texts if Path(one).name not in OWN_TABLES]
+    text_files = [one for one in text_files if not one.lower().endswith((".txt", ".txt.gz"))] or text_files
+    arrays = [str(one) for one in sorted(Path(path).glob("*")) if one.suffix.lower() in _MAY_BE_DATA]
+    others = [Path(one).name for one in (*texts, *arrays) if one not in {*text_files}]
     source = Path(str(path)).name or str(path)
     for inner in (*Path(path).glob("*/meta/info.json"), *Path(path).glob("*/*/meta/info.json")):
         raise DataError(f"{path}: in it is a folder of LeRobot, which is read alone; give {inner.parents[1]}.")
@@ -59,19 +66,6 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
     else:
         found = parquet.read_files(filesystem, parquet_files, options, source)
     return replace(found, ignored=beside)
-
-
-def _found(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str], list[str]]:
-    """The file system, the Parquet files, or else the text tables, and the names of other files that may hold data.
-
-    A .txt file may be any text, as a licence: it is read where no file has another ending of a table.
-    """
-    filesystem, parquet_files, texts = find_files(path)
-    tables = [] if parquet_files else [one for one in texts if Path(one).name not in OWN_TABLES]
-    tables = [one for one in tables if not one.lower().endswith((".txt", ".txt.gz"))] or tables
-    arrays = [str(one) for one in sorted(Path(path).glob("*")) if one.suffix.lower() in _MAY_BE_DATA]
-    others = [Path(one).name for one in (*texts, *arrays) if one not in {*tables}]
-    return filesystem, parquet_files, tables, others
 
 
 def has_tables(path: StrPath) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -217,6 +217,7 @@ class CheckedFolder:
         if chunk_size(self.info) is None:
             said = str(self.info["chunks_size"])[:20]
             raise DataError(f"{self.path / INFO}: chunks_size is {said}, no whole number above 0; correct it.")
+        fps = frame_rate(self.info.get("fps")) or np.inf
         there = [m for m in sorted(self.data.keys() & self.episodes.keys()) if only is None or str(m) in only]
         for camera in cameras(self.info, "video"):
             own = []
@@ -229,7 +230,14 @@ class CheckedFolder:
                     said = f"from_timestamp is {start!s:.20}, to_timestamp {end!s:.20}; correct them"
                     raise DataError(f"meta/episodes, demonstration {m}: {said}.")
                 own.append(Shot(camera, m, self.video(camera, m), start, end, self.data[m].n))
-            found += _with_last_frames(own, frame_rate(self.info.get("fps")) or np.inf)
+            starts = defaultdict[Path, list[float]](list)
+            for shot in own:
+                starts[shot.path].append(shot.start)
+            later = {path: np.append(np.sort(times), np.inf) for path, times in starts.items()}
+            for shot in own:  # some programs write the time of the last frame: none reaches beyond the next one's start
+                following = later[shot.path][np.searchsorted(later[shot.path], shot.start, "right")]
+                last = float(min(shot.start + shot.n_rows / fps, following))
+                found.append(replace(shot, end=max(shot.end, last)))
         return found
 
     def video(self, camera: str, m: int) -> Path:
@@ -240,20 +248,6 @@ class CheckedFolder:
         place = self.path / fill(template, chunk, file, camera)
         check_inside(place, self.path)
         return place
-
-
-def _with_last_frames(shots: Sequence[Shot], fps: float) -> Iterator[Shot]:
-    """The shots of a camera, with an end after their last row: some programs write the time of the last frame.
-
-    None reaches beyond the start of the next in the file.
-    """
-    starts = defaultdict[Path, list[float]](list)
-    for shot in shots:
-        starts[shot.path].append(shot.start)
-    later = {path: np.append(np.sort(own), np.inf) for path, own in starts.items()}
-    for shot in shots:
-        following = later[shot.path][np.searchsorted(later[shot.path], shot.start, "right")]
-        yield replace(shot, end=max(shot.end, float(min(shot.start + shot.n_rows / fps, following))))
 
 
 def annotate(path: Path, output: Path, columns: Mapping[str, Mapping[str, object]]) -> None:
