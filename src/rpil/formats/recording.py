@@ -278,7 +278,8 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
         notes.append(f"Each demonstration has one step: is {columns.episode} the right column of the demonstration?")
     if fps and recorded and abs(recorded - fps) > 0.01 * fps:
         notes.append(f"{fps:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}.")
-    if constant := found.constant(steps):
+    ranges, constant, missing = found.summary(steps)
+    if constant:
         named = (f"observation {name}" if name.isdecimal() else name for name in constant)
         notes.append(f"Constant in each demonstration: {commas(named)}; exclude what nobody could see.")
     return Description(
@@ -300,8 +301,8 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
         task_column=columns.task,
         tasks=different(tasks, metadata.tasks),
         ignored={**columns.ignored, **times, **videos, **layout.left_out, **origin.ignored},
-        missing=found.missing_values(),
-        ranges=found.ranges(),
+        missing=missing,
+        ranges=ranges,
         outcomes={name: f"--outcome {shlex.quote(name)}" for name in columns.may_be_outcomes},
         notes=(
             *notes,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -141,27 +142,19 @@ class Scan:
         self.kind, self.reason = "refused", f"the action has several parts: {said}"
         self.fault = DataError(f"{source}: {self.reason}; name the part to judge with <option>.", "action")
 
-    def _there(self) -> list[str]:
-        """The names of all numbers; empty those that are not there, or in columns that are left out."""
-        names = [part if one.name not in self.left_out else "" for one in self._read for part in one.parts]
-        return [name if low == low else "" for name, low in zip(names, self.low.tolist(), strict=True)]
-
-    def ranges(self) -> dict[str, tuple[float, float]]:
-        """Smallest and largest of the numbers that are there."""
-        each = zip(self._there(), self.low.tolist(), self.high.tolist(), strict=True)
-        return {name: (low, high) for name, low, high in each if name}
-
-    def constant(self, steps: Steps) -> list[str]:
-        """Names of the numbers of observations that differ between demonstrations, and never within one."""
-        flags = (self.within & (self.low < self.high)).tolist() if len(steps.ids) < len(steps) else []
-        named = {name for name, is_constant in zip(self._there(), flags, strict=False) if is_constant}
-        return [name for name in self.layout.observation_names if name in named]
-
-    def missing_values(self) -> dict[str, int]:
-        """How many values are missing, by the column, without those that are left out."""
-        ends = np.cumsum([len(one.parts) for one in self._read])[:-1]
-        found = {one.name: int(n.sum()) for one, n in zip(self._read, np.split(self.missing, ends), strict=True)}
-        return {name: n for name, n in found.items() if n and name not in self.left_out}
+    def summary(self, steps: Steps) -> tuple[dict[str, tuple[float, float]], list[str], dict[str, int]]:
+        """Smallest and largest of the numbers that are there; the observations that differ between demonstrations, and
+        never within one; and how many values are missing by the column; without the columns that are left out."""
+        ranges, constant, missing = dict[str, tuple[float, float]](), set[str](), Counter[str]()
+        names = [(one.name, part) for one in self._read for part in one.parts]
+        stacked = np.stack([self.low, self.high, self.within, self.missing], axis=1).tolist()
+        for (column, part), (low, high, within, n) in zip(names, stacked, strict=True):
+            if column not in self.left_out:
+                missing[column] += int(n)
+                ranges |= {part: (low, high)} if low == low else {}
+                constant |= {part} if within and low < high and len(steps.ids) < len(steps) else set()
+        observed = [name for name in self.layout.observation_names if name in constant]
+        return ranges, observed, {column: n for column, n in missing.items() if n}
 
 
 def scan(steps: Steps, layout: Layout, columns: Columns) -> Scan:
