@@ -146,12 +146,26 @@ class CheckedFolder:
         with guarded(file):
             table = read_table(file, ["episode_index", "index", "timestamp"])
         found, columns, place = dict[int, EpisodeRows](), table.column_names, os.path.relpath(file, self.path)
-        times = numbers_or_missing(table["timestamp"]) if "timestamp" in columns else None
+        all_times = numbers_or_missing(table["timestamp"]) if "timestamp" in columns else None
         numbers, offsets, rows = group_rows(table["episode_index"].to_numpy())
         of_each = np.split(np.arange(len(table)) if rows is None else rows, offsets[1:-1])
+        fps, has_videos = frame_rate(self.info.get("fps")), bool(cameras(self.info, "video"))
         for m, own in zip(numbers.tolist(), of_each, strict=True):
             first = table["index"][int(own[0])].as_py() if "index" in columns else -1
-            timing = self._timing(np.zeros(0) if times is None else times[own, 0])
+            timing, times, frames = (
+                (0.0, 0.0, 0.0),
+                None if all_times is None else all_times[own, 0],
+                np.arange(len(own)),
+            )
+            if fps is not None and times is not None:
+                if str(self.info.get("codebase_version")).startswith("v2"):  # which may begin within a video
+                    frames = frames + np.rint(times[0] * fps)
+                gaps = times - frames / fps if has_videos else np.diff(times) - 1 / fps
+                off = float(np.abs(gaps).max(initial=0.0))
+                is_near = off <= NEAR_SECONDS
+                timing = (
+                    (float(times[0]), 0.0, 0.0) if is_near else (0.0, off, 1.0 / (usual_step(np.diff(times)) or np.inf))
+                )
             found[m] = EpisodeRows(len(own), first, place, *timing)
         return found
 
@@ -159,19 +173,6 @@ class CheckedFolder:
         """The data files that hold episodes, `only` these or any."""
         own = (rows.file for m, rows in self.data.items() if only is None or str(m) in only)
         return [self.path / file for file in dict.fromkeys(own)]
-
-    def _timing(self, times: Array) -> tuple[float, float, float]:
-        """`start`, `off` and `fps` of an episode with these times; there are none where they are not known."""
-        fps, frames = frame_rate(self.info.get("fps")), np.arange(len(times))
-        if fps is None or not len(times):
-            return 0.0, 0.0, 0.0
-        if str(self.info.get("codebase_version")).startswith("v2"):  # which may begin within a video
-            frames = frames + np.rint(times[0] * fps)
-        gaps = times - frames / fps if cameras(self.info, "video") else np.diff(times) - 1 / fps
-        off = float(np.abs(gaps).max(initial=0.0))
-        if off <= NEAR_SECONDS:
-            return float(times[0]), 0.0, 0.0
-        return 0.0, off, 1.0 / (usual_step(np.diff(times)) or np.inf)
 
     def states(self) -> dict[int, Array]:
         """The state of each episode, (N, D), as that of the joints of a robot; empty where the data have none."""
