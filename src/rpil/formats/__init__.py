@@ -61,7 +61,7 @@ _WRITERS = {".parquet": parquet.write_tables, ".csv": csv.write_tables}
 
 
 class ReadOptions(TypedDict, total=False):
-    """The fields of `ColumnOptions` that a user may give."""
+    """All of `ColumnOptions` but the outcome."""
 
     id: str | None
     action: Names
@@ -78,6 +78,11 @@ class ReadOptions(TypedDict, total=False):
     session: str | None
     split_gap: float | None
     segment: float | None
+
+
+class OpenOptions(ReadOptions, total=False):
+    """All of `ColumnOptions`."""
+
     outcome: Names
 
 
@@ -126,7 +131,7 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
     return demonstrations
 
 
-def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpack[ReadOptions]) -> Recording:
+def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpack[OpenOptions]) -> Recording:
     """Open a recording once, and ask everything of it.
 
     ``recording.describe()`` is ``rpil info``, ``rpil.check(recording)`` is ``rpil check``, ``recording.keep(ids,

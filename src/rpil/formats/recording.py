@@ -221,12 +221,33 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
     return Recording(description, steps, columns, seen, found, clock, ids, options, set_aside=tuple(aside))
 
 
+_RANGE = re.compile(r"(\d{1,18})\s*-\s*(\d{1,18})")
+
+
 def _asked(ids: Sequence[Id], options: ColumnOptions, source: str) -> Array:
-    """Whether each demonstration is among those that the options choose, (M,)."""
-    only, without = _listed(options.only), _listed(options.without)
+    """Whether each demonstration is among those that the options choose, (M,); a `DataError` naming unknown ones."""
+    places = {str(m): k for k, m in enumerate(ids)}
+
+    def numbers(wanted: Ids, option: str) -> list[int]:
+        """The numbers of those that a user names, by ids of Python or of NumPy; an empty text names none."""
+        found, several = (
+            list[int](),
+            [wanted] if isinstance(wanted, str) or not isinstance(wanted, Iterable) else wanted,
+        )
+        for given in filter(None, map(str, () if wanted is None else several)):
+            for name in [given] if given in places else map(str.strip, given.split(",")):
+                ends = _RANGE.fullmatch(name)
+                named = [name] if ends is None or name in places else sorted(ends.groups(), key=int)
+                check_ids(named, places, source, "<option>", option)
+                low, high = named[0], named[-1]
+                between = (k for m, k in places.items() if m.isdecimal() and int(low) <= int(m) <= int(high))
+                found += [places[low]] if low == high else between
+        return found
+
+    only = numbers(options.only, "only")
     mask = np.full(len(ids), not only)
-    mask[[*_numbers(only, ids, source, "only")]] = True
-    mask[[*_numbers(without, ids, source, "without")]] = False
+    mask[only] = True
+    mask[numbers(options.without, "without")] = False
     if not mask.any():
         raise DataError(f"{source}: <option> and <option> leave no demonstration; correct them.", ("only", "without"))
     return mask
@@ -311,28 +332,3 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
             *metadata.notes(len(steps.ids), n_steps),
         ),
     )
-
-
-_RANGE = re.compile(r"(\d{1,18})\s*-\s*(\d{1,18})")
-
-
-def _listed(wanted: Ids) -> list[Id]:
-    """The ids that a user names, of Python or of NumPy; an empty text names none."""
-    if isinstance(wanted, str) or not isinstance(wanted, Iterable):
-        return [] if wanted is None or wanted == "" else [wanted]
-    return [*wanted]
-
-
-def _numbers(wanted: Sequence[Id], ids: Sequence[Id], source: str, option: str) -> Iterator[int]:
-    """The numbers of the demonstrations that a user names; a `DataError` naming those that are not there."""
-    places = {str(m): k for k, m in enumerate(ids)}
-    for given in map(str, wanted):
-        for name in [given] if given in places else map(str.strip, given.split(",")):
-            ends = _RANGE.fullmatch(name)
-            named = [name] if ends is None or name in places else sorted(ends.groups(), key=int)
-            check_ids(named, places, source, "<option>", option)
-            low, high = named[0], named[-1]
-            if low == high:
-                yield places[low]
-            else:
-                yield from (k for m, k in places.items() if m.isdecimal() and int(low) <= int(m) <= int(high))
