@@ -58,17 +58,13 @@ def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, defau
     encodings = sorted({file.encoding for file in files.values()} - {"utf-8", "utf-16"})
     notes = (f"Text is not UTF-8: read as {' and '.join(encodings)}.",) if encodings else ()
     found = _rows_of(files, columns)
-    tables = found.values() if not options.on_disk else _end_to_end(found) if len(found) > 1 else found[first_name]
+    tables = found[first_name] if options.on_disk else found.values()
+    if options.on_disk and len(found) > 1:  # with types that fit all of them
+        schema = pa.unify_schemas([rows.schema for rows in found.values()], promote_options="permissive")
+        steps = (one for name, rows in found.items() for _, one, _ in Steps(rows, name).tables(schema.names))
+        tables = (table.cast(schema) for table in steps)
     sizes = {name: len(rows) for name, rows in found.items()}
     return StepTables(tables, columns, source, words, sizes, notes=notes, skipped=(*damaged, *skipped))
-
-
-def _end_to_end(files: Mapping[str, ArrowFile]) -> Iterator[pa.Table]:
-    """The rows of files, with types that fit all of them."""
-    schema = pa.unify_schemas([file.schema for file in files.values()], promote_options="permissive")
-    for name, file in files.items():
-        for _, table, _ in Steps(file, name).tables(schema.names):
-            yield table.cast(schema)
 
 
 def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import PurePosixPath
 
 import numpy as np
 import pyarrow as pa
@@ -118,13 +117,6 @@ def _outcome(table: pa.Table, wanted: str, columns: Columns, offsets: Array, sou
     )  # a flag stays one
 
 
-def file_names(paths: Iterable[str]) -> list[str]:
-    """Names of files, with their folders where two are called alike."""
-    whole = list(paths)
-    short = [PurePosixPath(path).name for path in whole]
-    return short if len(set(short)) == len(set(whole)) else whole
-
-
 def pairs_of(steps: Steps, name: str | None) -> list[tuple[str, object]]:
     """The different pairs of id, as text, and value of a column, if there is one, in the order of the file."""
     if name is None:
@@ -135,14 +127,6 @@ def pairs_of(steps: Steps, name: str | None) -> list[tuple[str, object]]:
     values = [int(v) if isinstance(v, float) and are_whole(np.array([v])) else v for v in values] + [None]
     owners = each[np.sort(first)]
     return [(str(steps.ids[m]), values[codes[row]]) for m, row in zip(owners.tolist(), np.sort(first), strict=True)]
-
-
-def tasks_of(pairs: Sequence[tuple[str, object]], metadata: Metadata) -> dict[str, str]:
-    """The task of each demonstration from pairs of its id and the values of a column; several are one task together."""
-    names: dict[str, list[str]] = {}
-    for m, value in pairs:
-        names.setdefault(m, []).append("" if value is None else metadata.tasks.get(str(value), str(value)))
-    return {m: "; ".join(sorted(tasks)) for m, tasks in names.items()}
 
 
 def different(pairs: Iterable[tuple[str, object]], names: Mapping[str, str] | None = None) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from rpil.formats.columns import GUESSED_ROWS, ColumnOptions, Columns, check_nam
 from rpil.formats.description import parts_in_words, without_damaged
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.meta_folder import MetaFolder, read_metadata
-from rpil.formats.metadata import Metadata, file_names, with_facts
+from rpil.formats.metadata import Metadata, with_facts
 from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, opened, read_table
 from rpil.formats.table import BATCH_ROWS, Kind, other_columns
 
@@ -58,7 +58,8 @@ def _opened_files(
     """The types of the columns that are read, the rows of each file, the columns by their roles, what the files say of
     themselves, and the bytes that all take in memory; a `DataError` where the columns of the files differ."""
     schema, sizes, n_bytes, columns, metadata = pa.schema([]), dict[str, int](), 0, None, Metadata()
-    for path, name in zip(paths, file_names(paths), strict=True):
+    short = [PurePosixPath(path).name for path in paths]  # but where two are called alike
+    for path, name in zip(paths, short if len({*short}) == len({*paths}) else paths, strict=True):
         with opened(filesystem, path) as file:
             if columns is None:  # so that damaged data are named before damaged metadata
                 metadata = read_metadata(filesystem, paths)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -31,7 +32,6 @@ from rpil.formats.metadata import (
     find_clock,
     find_facts,
     pairs_of,
-    tasks_of,
 )
 from rpil.formats.places import find_places
 from rpil.formats.scan import Scan, scan
@@ -119,7 +119,10 @@ class Recording:
     @cached_property
     def tasks(self) -> dict[str, str]:
         """What was to be done in each demonstration, by its id as text; empty where the file does not say."""
-        return tasks_of(pairs_of(self.steps, self.columns.task), self.origin.metadata)
+        names, found = self.origin.metadata.tasks, defaultdict[str, list[str]](list)
+        for m, value in pairs_of(self.steps, self.columns.task):
+            found[m].append("" if value is None else names.get(str(value), str(value)))
+        return {m: "; ".join(sorted(tasks)) for m, tasks in found.items()}  # several are one task together
 
     @property
     def interventions(self) -> Bool[Array, " N"] | None:
