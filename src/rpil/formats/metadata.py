@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -72,8 +72,16 @@ def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
     are_numbers = plain_name(columns.episode) == EPISODE[0] and isinstance(steps.ids[0], int)
     if files and metadata.version and are_numbers:  # LeRobot numbers them in their order
         order = np.array(steps.ids, dtype=float)
-    elif files:
-        order = start_times({name: table[name] for name in clock_columns(columns)}, steps.offsets)
+    low, high = _WALL_CLOCK  # clocks that begin anew with each demonstration do not tell which one came first
+    for name in clock_columns(columns) if files and order is None else ():
+        column = table[name].cast(pa.timestamp("s")) if pa.types.is_date(table[name].type) else table[name]
+        values = order_values(column)
+        if values is None or not len(values) or pa.types.is_duration(column.type) or pa.types.is_time(column.type):
+            continue
+        starts = (seconds := values * (unit_of(name, column.type, values) or 1.0))[steps.offsets[:-1]]
+        if low < seconds.min() and seconds.max() < high and len(np.unique(starts)) == len(starts):
+            order = starts.astype(float)
+            break
     sessions = () if columns.session is None else _sessions(columns.session, steps, files)
     outcomes = tuple(_outcome(table, name, columns, steps.offsets, steps.source) for name in columns.outcomes)
     return Facts(order, sessions, outcomes, columns.outcomes)
@@ -219,33 +227,3 @@ def unit_of(name: str, kind: pa.DataType, values: Array) -> float | None:
     if not _WORDS_OF_TIME & set(words):
         return None
     return 1.0 if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)) else None
-
-
-def start_times(columns: Mapping[str, pa.ChunkedArray], offsets: Array) -> Array | None:
-    """When each demonstration starts, by the first of the `columns` in which each has a wall-clock time of its own.
-
-    The columns are in the order of the demonstrations. None where none has: clocks that begin anew with each
-    demonstration, or with the recorder, do not tell which demonstration came first.
-    """
-    low, high = _WALL_CLOCK
-    for name, column in columns.items():
-        column = column.cast(pa.timestamp("s")) if pa.types.is_date(column.type) else column
-        values = order_values(column)
-        if values is None or not len(values) or pa.types.is_duration(column.type) or pa.types.is_time(column.type):
-            continue
-        seconds = values * (unit_of(name, column.type, values) or 1.0)
-        is_wall_clock = low < seconds.min() and seconds.max() < high
-        if is_wall_clock and len(np.unique(starts := seconds[offsets[:-1]])) == len(starts):
-            return starts.astype(float)
-    return None
-
-
-def with_facts(
-    tables: Iterable[pa.Table], episode: str, facts: Mapping[str, Mapping[str, Parsed]]
-) -> Iterator[pa.Table]:
-    """The tables with a column for each of the `facts`, which have a value for each id."""
-    for table in tables:
-        ids, rows = encoded(table[episode])
-        for name, by_id in facts.items():
-            table = table.append_column(name, pa.array([by_id.get(str(m)) for m in ids]).take(pa.array(rows)))
-        yield table

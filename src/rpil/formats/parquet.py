@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence, Set
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
@@ -15,6 +15,7 @@ from pyarrow import fs
 
 from rpil.data.errors import DamagedError, DataError
 from rpil.data.files import replacing
+from rpil.data.json_files import Parsed
 from rpil.data.memory import check_memory
 from rpil.data.names import EPISODE, is_data
 from rpil.formats import table as flat
@@ -23,9 +24,9 @@ from rpil.formats.columns import GUESSED_ROWS, ColumnOptions, Columns, check_nam
 from rpil.formats.description import parts_in_words, without_damaged
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.meta_folder import MetaFolder, read_metadata
-from rpil.formats.metadata import Metadata, with_facts
+from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, opened, read_table
-from rpil.formats.table import BATCH_ROWS, Kind, other_columns
+from rpil.formats.table import BATCH_ROWS, Kind, encoded, other_columns
 
 _HEAD_COLUMNS = 2000  # whose first values are looked at
 _NESTED_ROWS = 1000  # read at a time where there are images
@@ -45,10 +46,9 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
     name = name if len(paths) == 1 else f"{name}, {len(paths):,} files"
     if not options.on_disk:
         check_memory(n_bytes, source, options.memory)
-    tables = _tables(filesystem, paths, schema)
-    if named := [name for name in columns.made if name in metadata.facts]:
-        tables = with_facts(tables, columns.episode, {name: metadata.facts[name] for name in named})
-        columns = replace(columns, made=tuple(name for name in columns.made if name not in named))
+    named = {name: metadata.facts[name] for name in columns.made if name in metadata.facts}
+    tables = _tables(filesystem, paths, schema, columns.episode, named)
+    columns = replace(columns, made=tuple(name for name in columns.made if name not in named))
     return StepTables(tables, columns, source, name, sizes, metadata, skipped=skipped)
 
 
@@ -81,8 +81,14 @@ def _opened_files(
     return pa.schema([schema.field(one) for one in order]), sizes, columns, metadata, n_bytes
 
 
-def _tables(filesystem: fs.FileSystem, paths: Sequence[str], schema: pa.Schema) -> Iterator[pa.Table]:
-    """The rows of files, with the types of a schema."""
+def _tables(
+    filesystem: fs.FileSystem,
+    paths: Sequence[str],
+    schema: pa.Schema,
+    episode: str,
+    facts: Mapping[str, Mapping[str, Parsed]],
+) -> Iterator[pa.Table]:
+    """The rows of files, with the types of a schema, and a column for each of the `facts`."""
     for path in paths:
         n_rows, name = 0, PurePosixPath(path).name
         with opened(filesystem, path) as file:
@@ -90,7 +96,11 @@ def _tables(filesystem: fs.FileSystem, paths: Sequence[str], schema: pa.Schema) 
                 n_rows += len(batch)
                 table = pa.Table.from_batches([batch]).select(schema.names)
                 check_table(table, name)
-                yield table if table.schema.equals(schema) else table.cast(schema)
+                table = table if table.schema.equals(schema) else table.cast(schema)
+                ids, rows = encoded(table[episode]) if facts else ([], ())
+                for fact, by_id in facts.items():
+                    table = table.append_column(fact, pa.array([by_id.get(str(m)) for m in ids]).take(pa.array(rows)))
+                yield table
             if n_rows != file.metadata.num_rows:
                 raise ValueError(f"{n_rows} of {file.metadata.num_rows} rows are there")
 
