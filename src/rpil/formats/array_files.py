@@ -24,9 +24,9 @@ from rpil.data.npy import Npz, opened_npz, write_npz
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions, as_list
 from rpil.formats.containers import ZIP, is_zarr, keep_groups, opened_hdf5, opened_zarr
-from rpil.formats.description import commas, without_damaged
 from rpil.formats.format import Format, StepTables, kept_of
 from rpil.formats.metadata import Metadata
+from rpil.formats.scan import commas, without_damaged
 from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts, read_once
 from rpil.formats.table_folder import has_tables
 from rpil.numerics.types import Array

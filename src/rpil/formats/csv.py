@@ -23,10 +23,10 @@ from rpil.data.text import counted
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
-from rpil.formats.description import parts_in_words, without_damaged
 from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, text_rows, without_suffix
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.places import in_two_files
+from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.steps import ArrowFile, Steps
 from rpil.formats.table import other_columns
 

@@ -21,7 +21,7 @@ from rpil.data.guard import guarded
 from rpil.data.held import held_bytes
 from rpil.data.memory import MIB, check_memory
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.description import damaged_lines
+from rpil.formats.scan import damaged_lines
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 _SUFFIX = re.compile(r"\.(?:csv|tsv|txt)(?:\.gz)?$", re.IGNORECASE)

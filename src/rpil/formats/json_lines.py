@@ -20,9 +20,9 @@ from rpil.data.names import ACTION_COLUMNS, EPISODE, EPISODE_COLUMNS, natural_ke
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE
-from rpil.formats.description import damaged_lines, parts_in_words
 from rpil.formats.dialect import MEMORY_PER_BYTE
 from rpil.formats.format import Format, StepTables, from_arrow, keep_one_file, plain_columns
+from rpil.formats.scan import damaged_lines, parts_in_words
 from rpil.formats.table_folder import has_tables
 
 JSON_SUFFIXES = (".jsonl", ".ndjson", ".catalog")

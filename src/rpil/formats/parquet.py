@@ -21,11 +21,11 @@ from rpil.data.names import EPISODE, is_data
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import GUESSED_ROWS, ColumnOptions, Columns, check_names
-from rpil.formats.description import parts_in_words, without_damaged
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.meta_folder import MetaFolder, read_metadata
 from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, opened, read_table
+from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table import BATCH_ROWS, Kind, encoded, other_columns
 
 _HEAD_COLUMNS = 2000  # whose first values are looked at

@@ -21,7 +21,6 @@ from rpil.data.id_values import check_ids
 from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
 from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids
 from rpil.formats.dataset import Dataset, Layout
-from rpil.formats.description import Description, commas, left_out_lines
 from rpil.formats.format import Defect, StepTables
 from rpil.formats.metadata import (
     Clock,
@@ -34,7 +33,7 @@ from rpil.formats.metadata import (
     pairs_of,
 )
 from rpil.formats.places import find_places
-from rpil.formats.scan import Scan, scan
+from rpil.formats.scan import Description, Scan, commas, left_out_lines, scan
 from rpil.formats.steps import ArrowFile, Steps
 from rpil.formats.table import end_to_end, numbers_or_missing
 from rpil.numerics.types import Array, Bool

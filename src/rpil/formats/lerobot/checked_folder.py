@@ -23,11 +23,11 @@ from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed
 from rpil.data.memory import check_memory
 from rpil.formats import table as flat
-from rpil.formats.description import without_damaged
 from rpil.formats.format import Shot
 from rpil.formats.meta_folder import MetaFolder, cameras, chunk_size, fill, frame_rate
 from rpil.formats.metadata import usual_step
 from rpil.formats.parquet_file import read_table
+from rpil.formats.scan import without_damaged
 from rpil.formats.table import numbers_or_missing
 from rpil.formats.table_folder import find_files
 from rpil.numerics.types import Array

@@ -13,7 +13,6 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.guard import guarded
 from rpil.data.json_files import read_json
 from rpil.data.text import duration
-from rpil.formats.description import commas, parts_in_words
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot import video
 from rpil.formats.lerobot.checked_folder import (
@@ -28,6 +27,7 @@ from rpil.formats.lerobot.checked_folder import (
 )
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.meta_folder import cameras, fill, frame_rate
+from rpil.formats.scan import commas, parts_in_words
 from rpil.numerics.types import Array
 
 TOLERANCE, SHARES = 1e-3, (1e-5, 1e-3)
