@@ -131,8 +131,8 @@ def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions, fac
 def readable(
     filesystem: fs.FileSystem, paths: Sequence[str], source: str, skips: object = True
 ) -> tuple[list[str], tuple[str, ...]]:
-    """The Parquet files that are not damaged, by all of their rows, and words for the others; unless these are skipped,
-    a `DataError` on them, by footers alone."""
+    """The Parquet files that are not damaged, by all of their rows, and words for the others, with the episodes that
+    ``meta`` lists and no other file has; unless these are skipped, a `DataError` on them, by footers alone."""
 
     def read(path: str) -> None:
         with opened(filesystem, path) as file:
@@ -140,29 +140,20 @@ def readable(
                 batch.validate(full=True)
 
     found, damaged = without_damaged(paths, read)
-    names, lost, left = _episodes(filesystem, damaged, found)
-    words = parts_in_words(lost, "episode", names)
+    data = next((folder for path in damaged for folder in PurePosixPath(path).parents if folder.name == "data"), None)
+    names, there, listed = [PurePosixPath(path).name for path in damaged], set[int](), set[int]()
+    if data is not None:
+        with suppress(DataError):  # of damaged metadata, which their reader names
+            listed |= {int(m) for m in MetaFolder(filesystem, data.parent).lengths}
+        for path in found if listed else ():
+            there |= {*read_table(path, [EPISODE[0]], filesystem)[EPISODE[0]].to_pylist()}
+        names = [str(PurePosixPath(path).relative_to(data.parent)) for path in damaged]
+    words = parts_in_words(listed - there, "episode", names)
     if damaged and not skips:
         said = f"damaged, as where a recording is cut off: {words}; copy again, or read and keep"
-        others = parts_in_words(left, "episode", []) or "the others"
+        others = parts_in_words(there, "episode", []) or "the others"
         raise DataError(f"{source}: {said} {others} with <option>.", "skip_bad")
     return [*found], (words,) if words else ()
-
-
-def _episodes(
-    filesystem: fs.FileSystem, damaged: Sequence[str], others: Collection[str]
-) -> tuple[list[str], list[int], list[int]]:
-    """The names of damaged files; the episodes that ``meta`` lists and others have not, and those that they have."""
-    data = next((folder for path in damaged for folder in PurePosixPath(path).parents if folder.name == "data"), None)
-    if data is None:
-        return [PurePosixPath(path).name for path in damaged], [], []
-    there, listed = set[int](), set[int]()
-    with suppress(DataError):  # of damaged metadata, which their reader names
-        listed |= {int(m) for m in MetaFolder(filesystem, data.parent).lengths}
-    for path in others if listed else ():
-        there |= {*read_table(path, [EPISODE[0]], filesystem)[EPISODE[0]].to_pylist()}
-    names = [str(PurePosixPath(path).relative_to(data.parent)) for path in damaged]
-    return names, sorted(listed - there), sorted(there)
 
 
 def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
