@@ -112,8 +112,17 @@ class Scan:
         self.low[np.array(kinds) == "U"] = np.nan  # texts have no range
         left = [one for one in self.layout.observations if one.name not in self.left_out]
         self.layout = layout = replace(self.layout, observations=tuple(left))
-        if layout.n_parts:
-            self._refuse_parts(steps.source, kinds)
+        if layout.n_parts:  # of which all are to be numbers
+            texts = [part for part, kind in zip(layout.action_names, kinds, strict=False) if kind == "U"]
+            self.kind, parts = "continuous", f"{layout.n_parts} numbers"
+            self.reason = parts if layout.n_parts > 1 else "a column of a continuous action"
+            if layout.n_parts > 1 and (texts or layout.action_kind == "discrete"):
+                own = (texts, "text"), ([part for part in layout.action_names if part not in texts], "numbers")
+                said = ", ".join(f"{commas(names)} ({what})" for names, what in own if names)
+                self.kind, self.reason = "refused", f"the action has several parts: {said}"
+                self.fault = DataError(
+                    f"{steps.source}: {self.reason}; name the part to judge with <option>.", "action"
+                )
             return
         is_text, wanted = layout.action.kind == "U", layout.action_kind
         try:
@@ -129,19 +138,6 @@ class Scan:
             self.classes = np.empty(0)
             action = np.dtype(np.float32 if layout.action == np.float32 else np.float64)
             self.layout = replace(layout, action=action, n_parts=1)
-
-    def _refuse_parts(self, source: str, kinds: Sequence[str]) -> None:
-        """Refuse actions of several numbers or texts where not all are numbers, or they are to be discrete."""
-        layout = self.layout
-        texts = [part for part, kind in zip(layout.action_names, kinds, strict=False) if kind == "U"]
-        if layout.n_parts == 1 or not (texts or layout.action_kind == "discrete"):
-            parts = f"{layout.n_parts} numbers"
-            self.kind, self.reason = "continuous", parts if layout.n_parts > 1 else "a column of a continuous action"
-            return
-        own = (texts, "text"), ([part for part in layout.action_names if part not in texts], "numbers")
-        said = ", ".join(f"{commas(names)} ({what})" for names, what in own if names)
-        self.kind, self.reason = "refused", f"the action has several parts: {said}"
-        self.fault = DataError(f"{source}: {self.reason}; name the part to judge with <option>.", "action")
 
     def summary(self, steps: Steps) -> tuple[dict[str, tuple[float, float]], list[str], dict[str, int]]:
         """Smallest and largest of the numbers that are there; the observations that differ between demonstrations, and
