@@ -15,7 +15,7 @@ import re
 import warnings
 import zipfile
 from collections.abc import Container, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cache, cached_property
 from pathlib import Path
 from threading import RLock
@@ -188,7 +188,17 @@ def opened_zarr(path: Path, options: ColumnOptions) -> Iterator[Arrays]:
 
     Of images none is opened. A `DataError` where this is no such store, or it is damaged.
     """
-    with _store(path) as (store, files):
+    storage = optional("zarr.storage", "To read Zarr", "zarr")
+    with ExitStack() as stack:
+        if path.is_dir():
+            store, inside = storage.LocalStore(path), (file for file in path.rglob("*") if file.is_file())
+            files = {file.relative_to(path).as_posix(): file.stat().st_size for file in inside}
+        else:
+            stack.enter_context(guarded(path.name, "no ZIP file, or a damaged one", "copy or write it again"))
+            archive = stack.enter_context(held(path, lambda: zipfile.ZipFile(path), "ZIP"))
+            store = storage.ZipStore(path)  # which would open the file a second time
+            store._lock, store._zf, store._is_open = RLock(), archive, True
+            files = {info.filename: info.file_size for info in archive.infolist()}
         headers = sorted(filter(_HEADER_FILE.fullmatch, files), key=lambda name: name.split("/"))
         found = {name.rpartition("/")[0]: _array(store, files, path.name, name) for name in headers}
         images = {name.removeprefix("data/"): why for name, why in found.items() if isinstance(why, str) and why}
@@ -200,21 +210,6 @@ def opened_zarr(path: Path, options: ColumnOptions) -> Iterator[Arrays]:
             there = ", ".join(images) or "nothing is there"
             raise DataError(f"{path.name}: no array that can be read is in data ({there}); copy the data as well.")
         yield Arrays(arrays, path.name, "Zarr replay buffer", options, unread=images)
-
-
-@contextmanager
-def _store(path: Path) -> Iterator[tuple[zarr.abc.store.Store, Mapping[str, int]]]:
-    """The store of the library, and the bytes of all files in it by name."""
-    storage = optional("zarr.storage", "To read Zarr", "zarr")
-    if path.is_dir():
-        files = (file for file in path.rglob("*") if file.is_file())
-        yield storage.LocalStore(path), {file.relative_to(path).as_posix(): file.stat().st_size for file in files}
-        return
-    fault = "no ZIP file, or a damaged one", "copy or write it again"
-    with guarded(path.name, *fault), held(path, lambda: zipfile.ZipFile(path), "ZIP") as archive:
-        store = storage.ZipStore(path)  # which would open the file a second time
-        store._lock, store._zf, store._is_open = RLock(), archive, True
-        yield store, {info.filename: info.file_size for info in archive.infolist()}
 
 
 def _array(store: zarr.abc.store.Store, files: Mapping[str, int], where: str, header: str) -> Closed | str:

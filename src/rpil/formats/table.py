@@ -36,9 +36,18 @@ HEAD_ROWS = 1000
 
 def kinds_of(head: pa.Table) -> dict[str, Kind]:
     """The kind of every column by its type and its first values; of none where there are no values."""
-    if not head.num_rows:
-        return {}
-    return {name: _kind_of(column) for name, column in zip(head.column_names, head.columns, strict=True)}
+    found = {field.name: kind_of_type(field.type) for field in head.schema} if head.num_rows else {}
+    for name, kind in found.items():
+        if kind == "text":
+            texts = [text.strip() for text in head[name].unique().to_pylist() if text]
+            if any("[" in text or "." in text for text in texts) and all(map(_WRITTEN_LIST.fullmatch, texts)):
+                found[name] = "written list"
+            elif texts and 2 * sum(map(is_number, texts)) >= len(texts):
+                found[name] = "mixed"
+        elif kind == "number" and len(head) >= _COUNTED_ROWS and head[name][0].as_py() in (0, 1):
+            values = np.asarray(head[name].to_numpy(), dtype=float)
+            found[name] = "counter" if np.array_equal(values, values[0] + np.arange(len(head))) else kind
+    return found
 
 
 def kind_of_type(kind: pa.DataType) -> Kind:
@@ -53,20 +62,6 @@ def kind_of_type(kind: pa.DataType) -> Kind:
     if pa.types.is_temporal(kind):
         return "time"
     return "list" if _is_list(kind) and _is_numeric(kind.value_type) else "nested"
-
-
-def _kind_of(column: pa.ChunkedArray) -> Kind:
-    kind = kind_of_type(column.type)
-    if kind == "text":
-        texts = [text.strip() for text in column.unique().to_pylist() if text]
-        if any("[" in text or "." in text for text in texts) and all(map(_WRITTEN_LIST.fullmatch, texts)):
-            return "written list"
-        return "mixed" if texts and 2 * sum(map(is_number, texts)) >= len(texts) else "text"
-    n_rows = len(column)
-    if kind != "number" or n_rows < _COUNTED_ROWS or column.null_count or column[0].as_py() not in (0, 1):
-        return kind
-    values = np.asarray(column.to_numpy(), dtype=float)
-    return "counter" if np.array_equal(values, values[0] + np.arange(n_rows)) else kind
 
 
 _COUNTED_ROWS = 30
