@@ -13,7 +13,7 @@ from rpil.formats.registry import FORMATS
 
 DOCS = Path(__file__).parents[2] / "docs"
 TEXT = (DOCS / "formats.md").read_text(encoding="utf-8")
-NEEDED = {"arrays": "hdf5", "Zarr": "zarr"}
+NEEDED = {"arrays": "hdf5"}
 """The extras without which a format is not read."""
 
 

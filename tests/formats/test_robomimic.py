@@ -164,8 +164,8 @@ def test_groups_are_kept_by_their_names_alone(tmp_path):
 
 def test_of_very_many_groups_arrays_are_opened_seldom(tmp_path, monkeypatch):
     path = robomimic(tmp_path / "many.hdf5", [f"demo_{k}" for k in range(60)])
-    opened, look_up = [], h5py.h5o.open
-    monkeypatch.setattr(h5py.h5o, "open", lambda *given, **more: opened.append(given[1]) or look_up(*given, **more))
+    opened, look_up = [], h5py.h5d.open
+    monkeypatch.setattr(h5py.h5d, "open", lambda *given, **more: opened.append(given[1]) or look_up(*given, **more))
     formats.read_recording(path).describe()
     assert opened.count(b"data/demo_7/obs/gripper") == 1
     assert opened.count(b"data/demo_7/obs/agentview_image") == 0

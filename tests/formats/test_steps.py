@@ -6,8 +6,13 @@ import errno
 import gc
 import os
 import pickle
+import subprocess
+import sys
+from types import SimpleNamespace
 
+import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from rpil import Dataset, formats
@@ -90,19 +95,21 @@ def test_copies_are_removed_with_their_rows(tmp_path, monkeypatch):
     recording = read_recording(tmp_path / "a.csv", on_disk=True)
     data = recording.demonstrations
     del recording
-    assert len(list((tmp_path / "temporary").iterdir())) == 1
     shard = pickle.loads(pickle.dumps(data.shards()[0]))  # noqa: S301
+    assert len(list((tmp_path / "temporary").iterdir())) == 1
     assert next(iter(shard)).observations.shape == (9, 1)
     del data, shard
     gc.collect()
     assert not list((tmp_path / "temporary").iterdir())
 
 
-def test_what_takes_too_much_memory_goes_to_disk(tmp_path):
+def test_what_takes_too_much_memory_goes_to_disk(tmp_path, caplog):
     (tmp_path / "a.csv").write_text(table(["a"] * 400 + ["b"] * 400, [0, 1] * 400))
     assert not isinstance(read_recording(tmp_path / "a.csv", on_disk=None).demonstrations, Dataset)
+    assert not caplog.messages
     little = ColumnOptions(memory="50kB")
     assert isinstance(read_recording(tmp_path / "a.csv", little, on_disk=None).demonstrations, Dataset)
+    assert caplog.messages[0].startswith(f"{tmp_path / 'a.csv'}: larger than the memory it may take, so copied to /")
     with pytest.raises(DataError, match="of memory, more than"):
         formats.read(tmp_path / "a.csv", memory="50kB")
 
@@ -116,3 +123,38 @@ def test_a_full_disk_is_said(tmp_path, monkeypatch):
     monkeypatch.setattr(pa.ipc.RecordBatchFileWriter, "write_batch", full)
     with pytest.raises(DataError, match=r"a\.csv: a copy of its rows cannot be written .*No space left.*set TMPDIR"):
         read_recording(tmp_path / "a.csv", on_disk=True)
+
+
+@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="only Linux has files without a name")
+def test_a_process_that_is_ended_leaves_no_copy(tmp_path):
+    (tmp_path / "a.csv").write_text(table(["a"] * 9, [0, 1, 1] * 3))
+    (tmp_path / "temporary").mkdir()
+    code = "import os, rpil, sys; data = rpil.open(sys.argv[1], on_disk=True); os.kill(os.getpid(), 9)"
+    environment = os.environ | {"TMPDIR": str(tmp_path / "temporary")}
+    ended = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.csv")], env=environment, check=False)
+    assert ended.returncode == -9
+    assert not list((tmp_path / "temporary").iterdir())
+
+
+def test_a_disk_without_room_is_said_before_it_is_full(tmp_path, monkeypatch):
+    pq.write_table(pa.table({"episode": ["a"] * 9, "x": [0.5] * 9, "action": [0, 1, 1] * 3}), tmp_path / "a.parquet")
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=100))
+    with pytest.raises(DataError, match=r"a\.parquet: a copy .*it needs 0.00 GB, and 0.00 GB are free.*set TMPDIR"):
+        read_recording(tmp_path / "a.parquet", on_disk=True)
+
+
+def test_a_folder_that_cannot_hold_the_copy_is_said(tmp_path, monkeypatch):
+    (tmp_path / "a.csv").write_text(table(["a"] * 9, [0, 1, 1] * 3))
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "not there"))
+    with pytest.raises(DataError, match=r"TMPDIR is .*not there, where no file can be written\); set TMPDIR"):
+        read_recording(tmp_path / "a.csv", on_disk=True)
+
+
+def test_rows_all_over_the_file_are_read_from_few_batches(monkeypatch):
+    monkeypatch.setattr(steps, "_BATCHES_AT_ONCE", 4)
+    rows, read, batch = np.random.default_rng(0).permutation(7 * 40), [], steps.ArrowFile.batch
+    file = steps.ArrowFile.of([pa.table({"x": np.arange(len(rows)) / 3})], "x")
+    monkeypatch.setattr(steps.ArrowFile, "batch", lambda *own: read.append(own) or batch(*own))
+    moved = steps.Steps(file, "x").taken(rows)
+    assert len(read) <= 40 * 40 / 4
+    assert np.array_equal(np.concatenate([one["x"] for _, one, _ in moved.tables(["x"])]), rows / 3)

@@ -13,7 +13,7 @@ import pytest
 
 import rpil
 from command_line import ok, refused
-from rpil.data.errors import DataWarning
+from rpil.data.errors import DataError, DataWarning
 
 RNG = np.random.default_rng(0)
 N = 240
@@ -134,3 +134,18 @@ def test_the_function_guesses_as_the_command_does(suffix, tmp_path):
 def test_videos_are_looked_at_where_a_rule_asks_for_it(command, tmp_path):
     said = "No such option '--video': --without-faults frozen-picture of rpil keep looks by itself; see rpil"
     refused(said, command, table(tmp_path / "a.csv", drive()), "--video")
+
+
+def test_a_second_head_is_named_and_may_be_skipped(tmp_path):
+    path = table(tmp_path / "a.csv", drive(id=np.arange(N) // 20, action=np.arange(N) % 7 / 3))
+    head, *rows = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([head, *rows[:30], head, *rows[30:]]))
+    refused(r"a\.csv, row 31: it repeats the names of the columns, .* at line 32; .* --skip-bad", "info", path)
+    assert rpil.open(path, skip_bad=True).description.steps == N
+
+
+def test_many_texts_as_actions_name_the_option_of_the_command(tmp_path):
+    path = table(tmp_path / "a.csv", drive(id=np.arange(N) // 20, action=[f"a{k}" for k in range(N)]))
+    refused(r"too many to compare; .* give --action-kind discrete\.$", "audit", path)
+    with pytest.raises(DataError, match=r"give action_kind= discrete\.$"):
+        rpil.read(path)

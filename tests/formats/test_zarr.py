@@ -56,10 +56,14 @@ def test_zarr_is_read(tmp_path, zarr_format, zipped):
 
 def test_zarr_without_data_or_of_another_length(tmp_path):
     path, _ = write_buffer(tmp_path, action=np.ones((10, 2)))
-    with pytest.raises(DataError, match=r"buffer.zarr: data/action has the shape \(10, 2\), but .* ends at 11 steps"):
+    with pytest.raises(
+        DataError, match=r"buffer.zarr: meta/episode_ends must .* up to the 10 of the actions; write it again"
+    ):
         rpil.read(path)
     shutil.rmtree(path / "data")
-    with pytest.raises(DataError, match=r"3 demonstrations and 11 steps, but no array .*; copy the data as well\.$"):
+    with pytest.raises(
+        DataError, match=r"no array that can be read is in data \(nothing is there\); copy the data as well\.$"
+    ):
         rpil.read(path)
 
 
@@ -72,14 +76,14 @@ def test_hostile_zarr(tmp_path):
         ({"dtype": "<f8"}, "must hold rising numbers of steps"),
         ({"dtype": "|O"}, "episode_ends: its header is damaged, or of an unknown format"),
         ({"shape": "x"}, "header is damaged"),
-        ({"compressor": {"id": "imagecodecs_jpegxl"}}, "meta/episode_ends must hold rising numbers"),
+        ({"compressor": {"id": "imagecodecs_jpegxl"}}, "there is no meta/episode_ends of numbers"),
     ):
         header.write_text(json.dumps({**about, **change}))
         with pytest.raises(DataError, match=message):
             rpil.read(path)
     header.write_text(json.dumps({**about}))
     (path / "meta/episode_ends/0").write_bytes(np.array([4, 10**15, 10**16]).tobytes())
-    with pytest.raises(DataError, match=r"data/action has the shape .*, but .* ends at 10,000,000,000,000,000 steps"):
+    with pytest.raises(DataError, match=r"meta/episode_ends must hold rising .* up to the 11 of the actions"):
         rpil.read(path)
     (path / "meta/episode_ends/0").unlink()
     with pytest.raises(DataError, match=r"meta/episode_ends: 1 of its 1 chunks are not there; copy it again, "):
@@ -106,7 +110,9 @@ def test_a_zip_file_is_one_by_its_name(tmp_path):
     with pytest.raises(DataError, match="unknown extension"):
         rpil.read(other)
     outside = shutil.make_archive(str(tmp_path / "outside"), "zip", tmp_path, "buffer.zarr")  # the folder itself
-    with pytest.raises(DataError, match=r"outside\.zip: there is no meta/episode_ends at the top of this ZIP file"):
+    with pytest.raises(
+        DataError, match=r"outside\.zip: there is no meta/episode_ends of numbers at the top of it; pack what is in"
+    ):
         rpil.read(outside)
     damaged = tmp_path / "damaged.zarr.zip"
     damaged.write_bytes(other.read_bytes()[:-30])

@@ -134,7 +134,8 @@ def size(value):
 def test_files_that_workers_cannot_read_are_refused(cluster, tmp_path):
     formats.write(tmp_path / "a.parquet", demonstrations())
     data = rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations
-    data.steps.table.path = Path("/nowhere/rows.arrow")
+    assert pickle.dumps(data.steps.table)  # which gives the file a name
+    data.steps.table.path = "/nowhere/rows.arrow"
     placed = DaskEngine(cluster).place(data.shards(2, SAMPLE.block_steps))
     with pytest.raises(
         DataError, match=r"A worker of the cluster cannot read the data .*/nowhere/rows.arrow.*same path"

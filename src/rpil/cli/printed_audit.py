@@ -14,7 +14,7 @@ from rpil.data.text import MAX_LISTED_NAMES, listed, printable
 
 if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
-    from rpil.formats.description import Description
+    from rpil.formats.scan import Description
     from rpil.results.record import Audit
 
 MAX_LINES, MIN_ROWS, MAX_ROWS = 25, 2, 8

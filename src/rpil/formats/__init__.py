@@ -35,10 +35,10 @@ from rpil.data.names import STEP, is_data
 from rpil.data.run import RUN_KEY, run_id
 from rpil.formats import csv, parquet, table
 from rpil.formats.columns import ColumnOptions, Ids, Names, check_options
-from rpil.formats.description import Description
 from rpil.formats.format import Frame, from_arrow
 from rpil.formats.recording import Recording, from_demonstrations, from_tables
 from rpil.formats.registry import find, writer_of
+from rpil.formats.scan import Description
 from rpil.numerics.types import Array
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Files of named arrays, NPZ and HDF5, by the table of layouts; also a folder with one for each demonstration."""
+"""NPZ, HDF5 and Zarr: named arrays by the table of layouts; also a folder with a file for each demonstration."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from rpil.data.files import replacing
 from rpil.data.folders import is_hidden
 from rpil.data.guard import guarded
 from rpil.data.held import held_bytes
-from rpil.data.json_files import read_json
+from rpil.data.json_files import object_in, read_json
 from rpil.data.names import TASK, is_observation, may_be_outcome, natural_key, plain_name
 from rpil.data.npy import Npz, opened_npz, write_npz
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions, as_list
-from rpil.formats.description import commas, without_damaged
+from rpil.formats.containers import ZIP, is_zarr, keep_groups, opened_hdf5, opened_zarr
 from rpil.formats.format import Format, StepTables, kept_of
-from rpil.formats.hdf5 import keep_groups, opened_hdf5
 from rpil.formats.metadata import Metadata
+from rpil.formats.scan import commas, without_damaged
 from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts, read_once
 from rpil.formats.table_folder import has_tables
 from rpil.numerics.types import Array
@@ -37,11 +37,17 @@ _FILE_NAME, _GROUP_NAME, _STEPS_OF_TIME = "name of the file", "name of the group
 _STATES = "There are no observations: the simulator's states are used; dataset_states_to_obs.py writes some."
 _OF_NUMBERS = ROLES["names"]
 
+_ATTRIBUTES = {
+    "task": ("ep_meta/lang", "env_args/env_name", "env_info/env_name", "env_args/env_kwargs/env_name", "env"),
+    "rate": tuple(f"{m}/control_freq" for m in ("env_args", "env_info", "env_args/env_kwargs", "env_info/env_kwargs")),
+}
+"""The attributes of a group that say its task and its steps a second, with the keys in an object of JSON there."""
+
 
 def claims(path: Path) -> bool:
     """Whether `path` is such a file, by its name or its first bytes, or a folder of such files and of no tables."""
-    if path.is_dir():
-        return not has_tables(path) and bool(_files(path))
+    if path.is_dir() or is_zarr(path):
+        return is_zarr(path) or (not has_tables(path) and bool(_files(path)))
     return path.is_file() and (path.suffix.lower() in _NPZ or _is_hdf5(path))
 
 
@@ -55,12 +61,15 @@ def _is_hdf5(path: Path) -> bool:
 @contextmanager
 def _opened(path: Path, options: ColumnOptions = ColumnOptions(), where: str = "") -> Iterator[Arrays]:
     """The arrays in a file, which is called `where` in messages; in NPZ none is ever unpickled."""
-    if _is_hdf5(path):
+    if is_zarr(path):
+        with opened_zarr(path, options) as arrays:
+            yield arrays
+    elif _is_hdf5(path):
         with opened_hdf5(path, options) as (_, arrays):
             yield arrays
     else:
         with opened_npz(path, where) as stored:
-            yield Arrays({name: _array(stored, name) for name in stored.names}, stored.where, options)
+            yield Arrays({name: _array(stored, name) for name in stored.names}, stored.where, "NPZ", options)
 
 
 def _array(stored: Npz, name: str) -> StoredArray:
@@ -73,16 +82,16 @@ def _array(stored: Npz, name: str) -> StoredArray:
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays of a file, or the demonstration in each file of a folder, opened again for its values."""
-    if path.is_file():
+    if path.is_file() or is_zarr(path):
         with _opened(path, options) as arrays:
-            kind, (within, groups) = "HDF5" if _is_hdf5(path) else "NPZ", arrays.groups()
-            return _read_groups(arrays, within, groups, kind) if groups else arrays.read(kind)
+            within, groups = arrays.groups()
+            return _read_groups(arrays, within, groups) if groups else arrays.read()
     files = _files(path)
     found, damaged = without_damaged(files, lambda name: _part(name, files[name], path), options.skip_bad)
     notes = tuple(dict.fromkeys(note for _, of_file in found.values() for note in of_file))
     parts, kind = [part for part, _ in found.values()], "HDF5" if _is_hdf5(next(iter(files.values()))) else "NPZ"
     tables = from_parts(parts, _FILE_NAME, path.name, f"{kind}, a file for each demonstration", options, notes=notes)
-    return replace(tables, origin=replace(tables.origin, skipped=tuple(files[name].name for name in damaged)))
+    return replace(tables, skipped=tuple(files[name].name for name in damaged))
 
 
 def _files(path: Path) -> dict[str, Path]:
@@ -130,36 +139,47 @@ def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
         return Part(n, closed, {_FILE_NAME: name, **tasks, **ends, **facts}), these.notes
 
 
-def _read_groups(these: Arrays, within: str, groups: Mapping[str, Arrays], kind: str) -> StepTables:
+def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> StepTables:
     """The recording in groups of arrays, as robomimic and Isaac Lab write it: the arrays that the first one has."""
     first, notes, options, ignored = next(iter(groups.values())).arrays, these.notes, these.options, {}
     if "states" in first and not options.observations and not any(map(is_observation, first)):
         notes = (*notes, _STATES)
-        if _begins_with_time(first["states"]):
+        state = first["states"]
+        is_long = len(state.shape) == 2 and state.shape[1] > 1 and state.shape[0] >= _STEPS_OF_TIME
+        steps = np.diff(np.asarray(state[:_STEPS_OF_TIME])[:, 0]) if is_long and state.dtype.kind == "f" else [0]
+        if steps[0] > 0 and np.allclose(steps, steps[0], rtol=1e-3, atol=0):  # it rises by the same at every step
             options = replace(options, exclude=(*as_list(options.exclude), "states.0"))
             ignored = {"states.0": "simulation time"}
     names = dict.fromkeys(path.split("/")[1] for path in these.arrays if within and path.startswith(within))
     if without := commas([name for name in names if name not in groups]):
         notes = (*notes, f"Left out, because they are links, or hold no actions: {without}.")
-    rate, task, parts, lengths = these.said(within, "rate"), these.said(within, "task"), [], dict[Id, int]()
+    rate, task = (_said(these.attributes(within), what) for what in ("rate", "task"))
+    parts, lengths = list[Part](), dict[Id, int]()
     for name, one in groups.items():
-        words, attributes = these.said(within + name, "task") or task, these.attributes(within + name)
+        attributes = these.attributes(within + name)
+        words = _said(attributes, "task") or task
         about = {"task": words} if isinstance(words, str) else {}
-        parts.append(Part(one.n_steps, one.arrays, {_GROUP_NAME: name, **about}))
+        parts.append(replace(one, about={_GROUP_NAME: name, **about}))
         stated = attributes.get("num_samples")
         lengths |= {name: int(stated)} if isinstance(stated, int | np.integer) else {}
     fps = float(rate) if isinstance(rate, int | float) and math.isfinite(rate) and rate > 0 else None
-    name = f"{kind} of robomimic's layout" if within else f"{kind}, a group for each demonstration"
+    name = f"{these.kind} of robomimic's layout" if within else f"{these.kind}, a group for each demonstration"
     metadata = Metadata(fps=fps, lengths=lengths)
-    return from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes).with_ignored(ignored)
+    return replace(from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes), ignored=ignored)
 
 
-def _begins_with_time(states: StoredArray) -> bool:
-    """Whether the first of the numbers of a state is the time of the simulator: it rises by the same at every step."""
-    if len(states.shape) != 2 or states.shape[1] < 2 or states.dtype.kind != "f" or states.shape[0] < _STEPS_OF_TIME:
-        return False
-    steps = np.diff(np.asarray(states[:_STEPS_OF_TIME])[:, 0])
-    return bool(steps[0] > 0 and np.allclose(steps, steps[0], rtol=1e-3, atol=0))
+def _said(attributes: Mapping[str, object], what: str) -> object:
+    """What the attributes of a group say of the task or the rate, by `_ATTRIBUTES`; None where they say nothing."""
+    for place in _ATTRIBUTES[what]:
+        name, *keys = place.split("/")
+        if name not in attributes:  # faster than an error of the library
+            continue
+        value = attributes[name]
+        for key in keys:
+            value = (value if isinstance(value, dict) else object_in(value)).get(key)
+        if isinstance(value, str | int | float) and value:
+            return value
+    return None
 
 
 def _rows(file: Path, name: str, rows: slice) -> object:
@@ -193,7 +213,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
         return
     with opened_npz(path) as stored:
         arrays = stored.read(stored.names)
-    these = Arrays(arrays, path.name, options)
+    these = Arrays(arrays, path.name, options=options)
     cut = these.cut()
     there, n = list(dict.fromkeys(cut.ids.tolist())), len(cut.ids)
     kept = kept_of(there, ids, path)
@@ -214,8 +234,8 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
 
 def unkept(path: Path, options: ColumnOptions) -> str:
     """What `keep` writes no new file of, in words; empty where it writes one."""
-    if path.is_dir():
-        return "file of arrays for each demonstration"
+    if path.is_dir() or is_zarr(path):
+        return "Zarr" if is_zarr(path) else "file of arrays for each demonstration"
     with _opened(path, options) as arrays:
         has_groups, is_hdf5 = bool(arrays.groups()[1]), _is_hdf5(path)
         if is_hdf5 and has_groups and options.id:
@@ -224,4 +244,4 @@ def unkept(path: Path, options: ColumnOptions) -> str:
         return "" if is_kept else "arrays of this layout"
 
 
-FORMAT = Format("arrays", claims, read, keep, unkept, suffixes=(*_NPZ, *_HDF5), write=write)
+FORMAT = Format("arrays", claims, read, keep, unkept, suffixes=(*_NPZ, *_HDF5, ZIP), write=write)

@@ -7,7 +7,7 @@ Arrays lie end to end, (N, ...), where ids, lengths, starts or ends tell demonst
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import PurePath
 
@@ -15,13 +15,12 @@ import numpy as np
 
 from rpil.data.arrays import are_whole, as_names
 from rpil.data.errors import DataError
-from rpil.data.json_files import object_in
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.data.names import ACTION_COLUMNS, EPISODE, may_be_outcome, plain_name
 from rpil.formats.columns import ColumnOptions, as_list
-from rpil.formats.description import commas
 from rpil.formats.format import StepTables
 from rpil.formats.metadata import Metadata
+from rpil.formats.scan import commas
 from rpil.formats.step_arrays import NO_STEPS, Closed, Part, StoredArray, Tree, from_parts, read_once
 from rpil.numerics.types import Array
 
@@ -39,12 +38,6 @@ ROLES = {
     "names": ("observation_names",),
 }
 """The names of the arrays of each role; the first one that is there counts."""
-
-ATTRIBUTES = {
-    "task": ("ep_meta/lang", "env_args/env_name", "env_info/env_name", "env_args/env_kwargs/env_name", "env"),
-    "rate": tuple(f"{m}/control_freq" for m in ("env_args", "env_info", "env_args/env_kwargs", "env_info/env_kwargs")),
-}
-"""The attributes of a group that say its task and its steps a second, with the keys in an object of JSON there."""
 
 _NUMBERED = "episode"  # the column of the id where demonstrations have no names but their numbers
 _ASIDE = (*ROLES["offsets"], *ROLES["names"])  # which are no columns of steps
@@ -67,20 +60,18 @@ class Arrays:
 
     arrays: Tree
     source: str
+    kind: str = ""  # the name of the format
     options: ColumnOptions = ColumnOptions()
     attributes: Callable[[str], Mapping[str, object]] = lambda _: {}  # of the group at a path
     links: Sequence[str] = ()  # paths of links, none of which is followed
+    unread: Mapping[str, str] = field(default_factory=dict)  # arrays that are not here, and why
 
     @cached_property
     def names(self) -> dict[str, list[str]]:
         """The names of the arrays with rows that have each role, or that the user names for it."""
         options = self.options
         named = {**ROLES, "ids": (options.id,) if options.id else ROLES["ids"]}
-        named["actions"] = (*as_list(options.action), *ROLES["actions"])
-        if self.arrays.keys().isdisjoint(named["actions"]):
-            plain = {name: plain_name(name) for name in self.arrays}
-            more = (name for one, _ in ACTION_COLUMNS[:2] for name in plain if one.fullmatch(plain[name]))
-            named["actions"] += (*more,)
+        named["actions"] = _actions(self.arrays, as_list(options.action))
         named["observations"] = (*ROLES["observations"], *as_list(options.observations))
         there = {name for name in {*sum(named.values(), ())} & self.arrays.keys() if self.arrays[name].shape}
         return {role: [name for name in names if name in there] for role, names in named.items()}
@@ -133,21 +124,7 @@ class Arrays:
         sim = ("Recorded in a simulation.",) if str(self.attributes("").get("sim")) in ("True", "1") else ()
         return (*sim, *([f"Not read, because they are links: {commas(self.links)}."] if self.links else []))
 
-    def said(self, group: str, what: str) -> object:
-        """What the attributes of a group say of the task or the rate, by `ATTRIBUTES`; None where they say nothing."""
-        attributes = self.attributes(group)
-        for place in ATTRIBUTES[what]:
-            name, *keys = place.split("/")
-            if name not in attributes:  # faster than an error of the library
-                continue
-            value = attributes[name]
-            for key in keys:
-                value = (value if isinstance(value, dict) else object_in(value)).get(key)
-            if isinstance(value, str | int | float) and value:
-                return value
-        return None
-
-    def groups(self) -> tuple[str, dict[str, Arrays]]:
+    def groups(self) -> tuple[str, dict[str, Part]]:
         """Where the groups of demonstrations are, and the arrays in each that holds actions, by its name."""
         within = "data/" if any(path.startswith("data/") for path in self.arrays) else ""
         found: dict[str, dict[str, StoredArray]] = {}
@@ -155,8 +132,8 @@ class Arrays:
             name, slash, rest = path.removeprefix(within).partition("/")
             if slash and path.startswith(within):
                 found.setdefault(name, {})[rest] = array
-        trees = {name: Arrays(tree, "") for name, tree in found.items()}
-        return within, {name: one for name, one in trees.items() if one.names["actions"]}
+        shapes = {m: next((tree[a].shape for a in _actions(tree) if a in tree), ()) for m, tree in found.items()}
+        return within, {name: Part(shape[0], found[name]) for name, shape in shapes.items() if shape}
 
     def cut(self) -> Cut:
         """The demonstrations by ids, or the first row of `_ROWS` that fits; a `DataError` where none does."""
@@ -239,7 +216,7 @@ class Arrays:
             remedy = "add an array lengths, with the steps of each, or swap the two axes"
             raise DataError(f"{self.source}: {fault}; {remedy}.")
 
-    def read(self, format_name: str, notes: tuple[str, ...] = ()) -> StepTables:
+    def read(self) -> StepTables:
         """The recording in arrays of several demonstrations."""
         if not self.options.on_disk:
             check_memory(BYTES_PER_NUMBER * self.n_steps, self.source, self.options.memory)
@@ -250,14 +227,14 @@ class Arrays:
         seen = next((name for name in (*asked, *self.names["observations"]) if name in self.arrays), "")
         cut = these.cut()
         ids, steps = these.steps(cut)
-        ignored = dict.fromkeys(self.arrays.keys() - steps.keys() - {*_ASIDE}, NO_STEPS)
+        ignored = {**dict.fromkeys(self.arrays.keys() - steps.keys() - {*_ASIDE}, NO_STEPS), **self.unread}
         names = as_names(self.values(self.names["names"][0]), self.source) if self.names["names"] else ()
         if len(names) == 1 and seen:
             steps[f"{seen}.{names[0]}"] = steps.pop(seen)
-        parts, notes = [Part(len(ids), {**steps, cut.column: ids})], (*notes, *self.notes, *filter(None, [cut.note]))
+        parts, notes = [Part(len(ids), {**steps, cut.column: ids})], (*self.notes, *filter(None, [cut.note]))
         about = Metadata(names={seen: names})
-        found = from_parts(parts, cut.column, self.source, format_name, self.options, about, notes)
-        return replace(found.with_ignored(ignored), sizes={self.source: len(ids)} if cut.is_step is None else {})
+        found = from_parts(parts, cut.column, self.source, self.kind, self.options, about, notes)
+        return replace(found, ignored=ignored, sizes={self.source: len(ids)} if cut.is_step is None else {})
 
     def steps(self, cut: Cut) -> tuple[Array, dict[str, StoredArray]]:
         """The id of each step, and the arrays of all steps end to end.
@@ -290,6 +267,15 @@ class Arrays:
         return ids, {**found, **whole} if is_step is None else {**whole, **found}
 
 
+def _actions(arrays: Tree, named: Sequence[str] = ()) -> tuple[str, ...]:
+    """The names that the array of actions may have, the likeliest first."""
+    names = (*named, *ROLES["actions"])
+    if not arrays.keys().isdisjoint(names):
+        return names
+    plain = {name: plain_name(name) for name in arrays}
+    return (*names, *(name for one, _ in ACTION_COLUMNS[:2] for name in plain if one.fullmatch(plain[name])))
+
+
 def _by_lengths(these: Arrays) -> Array | None:
     lengths = these.values(these.names["lengths"][0])
     fits = lengths.ndim == 1 and lengths.dtype.kind in "iu" and lengths.sum() == these.n_steps and lengths.min() > 0
@@ -297,7 +283,11 @@ def _by_lengths(these: Arrays) -> Array | None:
 
 
 def _by_offsets(these: Arrays) -> Array | None:
-    lengths = np.diff(these.values(these.names["offsets"][0]), prepend=0)
+    ends, n = these.values(name := these.names["offsets"][0]), these.n_steps
+    lengths: Array = np.diff(ends.ravel().astype(np.int64), prepend=0)
+    if ends.ndim != 1 or ends.dtype.kind not in "iu" or lengths.min(initial=0) < 0 or lengths.sum() != n:
+        said = f"must hold rising numbers of steps, one a demonstration, up to the {n:,} of the actions"
+        raise DataError(f"{these.source}: {name} {said}; write it again.")
     return np.repeat(np.arange(len(lengths)), lengths)
 
 

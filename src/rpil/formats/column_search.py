@@ -81,7 +81,9 @@ def find_columns(
         raise DataError(f"{source}: it has no rows; write one for each step below the names of its columns.")
     kinds = {**dict.fromkeys(names, "number"), **kinds, **made}
     found = _Search([*kinds], kinds, source, options, head).columns(default_id)
-    return replace(found, made=(*made, *found.made))
+    read = {*found.all}
+    others = (name for name, kind in kinds.items() if kind in ("number", "list") and name not in read)
+    return replace(found, made=(*made, *found.made), may_be_outcomes=tuple(filter(may_be_outcome, others)))
 
 
 @dataclass(eq=False)
@@ -113,9 +115,8 @@ class _Search:
         order, operator, task = (self.one(None if name in options.files else name, role) for role, name in named)
         given: set[str | None] = {*asked, *actions, order, operator, task}
         episode, other_ids = self.episode(given, default_id)
-        self.refuse_two_roles(episode, actions, asked)
+        self.refuse_named(episode, actions, asked)
         self.take(episode, *actions)
-        self.refuse_written_lists({*asked, *actions})
         one_action = len(actions) == 1
         if not actions:
             actions, one_action = self.actions(given)
@@ -130,10 +131,16 @@ class _Search:
         for name in self.free.keys() - {*observations}:
             self.ignored.setdefault(name, "not among the observations that were named")
         ignored = {name: self.ignored[name] for name in self.names if name in self.ignored}
-        parts = self.parts(name for name in (*other_ids, operator, task) if name)
-        found = Columns(
-            *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, parts, operator, task),
-            *(ignored, options, self.times(ignored), session, outcomes),
+        # What may divide a demonstration: nothing if its id is named, laps if it is guessed, else these.
+        parts: Iterable[str] = () if options.id else (name for name in (*other_ids, operator, task) if name)
+        if "id" in self.guessed:
+            plain = (name for name in self.names if self.kinds[name] in ("number", "text", "mixed"))
+            parts = (name for name in plain if OF_PART.fullmatch(self.plain[name]))
+        times = [name for name in ignored if name not in self.excluded and self.plain[name] in spellings.TIMESTAMP]
+        times = [name for name in times if self.kinds[name] in ("number", "time", "counter")]
+        return Columns(
+            *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, tuple(parts), operator),
+            *(task, ignored, options, tuple(times), session, outcomes),
             chosen_parts=self.chosen_parts,
             excluded_parts=self.excluded_parts,
             source=self.source,
@@ -142,25 +149,6 @@ class _Search:
             made=() if episode in self.kinds or episode == default_id else (STRETCH,),
             intervention=next(iter(self.named_as("intervention", {*observations})), None),
         )
-        read, others = {*found.all}, [name for name in self.names if self.kinds[name] in ("number", "list")]
-        return replace(
-            found, may_be_outcomes=tuple(name for name in others if name not in read and may_be_outcome(name))
-        )
-
-    def parts(self, others: Iterable[str]) -> tuple[str, ...]:
-        """What may divide a demonstration: nothing if its id is named, laps if it is guessed, else `others`."""
-        if self.options.id:
-            return ()
-        if "id" not in self.guessed:
-            return tuple(others)
-        plain = (name for name in self.names if self.kinds[name] in ("number", "text", "mixed"))
-        return tuple(name for name in plain if OF_PART.fullmatch(self.plain[name]))
-
-    def times(self, ignored: Iterable[str]) -> tuple[str, ...]:
-        """The timestamps that are neither data nor the order."""
-        there = [name for name in ignored if name not in self.excluded]
-        named = [name for name in there if self.plain[name] in spellings.TIMESTAMP]
-        return tuple(name for name in named if self.kinds[name] in ("number", "time", "counter"))
 
     def take(self, *names: str) -> None:
         """Give these columns a role."""
@@ -317,19 +305,17 @@ class _Search:
                 found.append(name)
         return found
 
-    def refuse_two_roles(self, episode: str, actions: Sequence[str], asked: Sequence[str]) -> None:
-        """A `DataError` where the user names the id as an action, or either of them as an observation."""
-        named = ("action", actions, [episode]), ("observations", asked, [episode, *actions])
-        for option, names, others in named:
+    def refuse_named(self, episode: str, actions: Sequence[str], asked: Sequence[str]) -> None:
+        """A `DataError` where the user names the id as an action, or either of them as an observation; or where an
+        observation or action is text such as "[0.5, 1.0]"."""
+        for option, names, others in (("action", actions, [episode]), ("observations", asked, [episode, *actions])):
             for name in (name for name in names if name in others):
                 role = "the id" if name == episode else "part of the action"
                 raise DataError(f"{self.source}: column {name!r} is {role} already; take it out of <option>.", option)
-
-    def refuse_written_lists(self, given: Collection[str]) -> None:
-        """A `DataError` where an observation or action is text such as "[0.5, 1.0]"."""
         words = spellings.OBSERVATION, spellings.ACTION_COLUMNS[0][0]
         for name in (name for name in self.names if self.kinds[name] == "written list"):
-            if name in given or (name in self.free and any(one.fullmatch(self.plain[name]) for one in words)):
+            is_called_so = name in self.free and any(one.fullmatch(self.plain[name]) for one in words)
+            if is_called_so or name in (*asked, *actions):
                 said = f"column {name!r} holds lists that are written as text; write one column for each number"
                 raise DataError(f"{self.source}: {said}, or leave it out with <option>.", "exclude")
 

@@ -218,9 +218,14 @@ def guess_id(head: pa.Table | None, names: Iterable[str]) -> str | None:
     """
     found, most = None, 1
     for name, column in _there(head, names).items():
+        column = column.slice(0, GUESSED_ROWS)
+        has_parts = pa.types.is_floating(column.type) and not are_whole(column.to_numpy())
+        if column.null_count or pa.types.is_boolean(column.type) or has_parts:
+            continue
         if not (is_order(name) or _OF_MANY.fullmatch(plain_name(name))):
-            n_values, n_runs = _values_and_runs(column.slice(0, GUESSED_ROWS))
-            if most < n_values == n_runs <= min(len(column), GUESSED_ROWS) / _SHORTEST:
+            codes = encoded(column)[1]
+            n_values, n_runs = len(np.unique(codes)), 1 + int(np.count_nonzero(np.diff(codes)))
+            if most < n_values == n_runs <= len(column) / _SHORTEST:
                 found, most = name, n_values
     return found
 
@@ -232,7 +237,9 @@ def guess_actions(numbers: Iterable[str], texts: Iterable[str] = (), head: pa.Ta
     if controls := {name: found for name in own if (found := _CONTROL.fullmatch(plain_name(name)))}:
         return [] if all(found["pedal"] for found in controls.values()) else [*controls]  # a wheel of another name
     decisions = [name for name in (*own, *texts) if plain_name(name).rstrip("s") in ("choice", "order")]
-    return [name for name, column in _there(head, decisions).items() if not _counts(column)][:1]
+    decided = {name: column.to_numpy() for name, column in _there(head, decisions).items()}
+    counts = {m for m, x in decided.items() if x.dtype.kind in "iuf" and np.sum(np.diff(x) == 1) > len(x) / 2}
+    return [name for name in decided if name not in counts][:1]  # it counts rows where most numbers are one more
 
 
 def one_id(head: pa.Table | None, names: Iterable[str]) -> str:
@@ -244,21 +251,6 @@ def one_id(head: pa.Table | None, names: Iterable[str]) -> str:
     return ""
 
 
-def _counts(column: pa.ChunkedArray) -> bool:
-    """Whether most numbers of a column are one more than the one before."""
-    values = column.to_numpy()
-    return values.dtype.kind in "iuf" and bool(np.sum(np.diff(values) == 1) > len(values) / 2)
-
-
 def _there(head: pa.Table | None, names: Iterable[str]) -> dict[str, pa.ChunkedArray]:
     """Those of the columns that are in the first rows."""
     return {name: head[name] for name in names if head is not None and name in head.column_names}
-
-
-def _values_and_runs(column: pa.ChunkedArray) -> tuple[int, int]:
-    """How many different values a column has, and how many runs of equal ones; none where they cannot be ids."""
-    has_parts = pa.types.is_floating(column.type) and not are_whole(column.to_numpy())
-    if column.null_count or pa.types.is_boolean(column.type) or has_parts:
-        return 0, 0
-    codes = encoded(column)[1]
-    return len(np.unique(codes)), 1 + int(np.count_nonzero(np.diff(codes)))

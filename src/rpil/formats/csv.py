@@ -23,11 +23,10 @@ from rpil.data.text import counted
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
-from rpil.formats.description import parts_in_words, without_damaged
 from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, text_rows, without_suffix
 from rpil.formats.format import Format, StepTables, called, keep_one_file
-from rpil.formats.metadata import Origin
 from rpil.formats.places import in_two_files
+from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.steps import ArrowFile, Steps
 from rpil.formats.table import other_columns
 
@@ -58,28 +57,14 @@ def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, defau
     words = first.words if default_id is None else f"{first.words}, {counted(len(files), 'file')}"
     encodings = sorted({file.encoding for file in files.values()} - {"utf-8", "utf-16"})
     notes = (f"Text is not UTF-8: read as {' and '.join(encodings)}.",) if encodings else ()
-    origin, found = Origin(source, words, notes=notes, skipped=(*damaged, *skipped)), _rows_of(files, columns)
+    found = _rows_of(files, columns)
+    tables = found[first_name] if options.on_disk else found.values()
+    if options.on_disk and len(found) > 1:  # with types that fit all of them
+        schema = pa.unify_schemas([rows.schema for rows in found.values()], promote_options="permissive")
+        steps = (one for name, rows in found.items() for _, one, _ in Steps(rows, name).tables(schema.names))
+        tables = (table.cast(schema) for table in steps)
     sizes = {name: len(rows) for name, rows in found.items()}
-    if len(found) > 1 and options.on_disk:
-        return StepTables(_end_to_end(found), columns, origin, sizes)
-    return StepTables(found[first_name] if options.on_disk else found.values(), columns, origin, sizes)
-
-
-def _end_to_end(files: Mapping[str, ArrowFile]) -> Iterator[pa.Table]:
-    """The rows of files, with types that fit all of them."""
-    schema = pa.unify_schemas([file.schema for file in files.values()], promote_options="permissive")
-    for name, file in files.items():
-        for _, table, _ in Steps(file, name).tables(schema.names):
-            yield table.cast(schema)
-
-
-def _cleaned(table: pa.Table, columns: Columns) -> pa.Table:
-    """The table without spaces around texts, and null for "", but for observations."""
-    for k, field in enumerate(table.schema):
-        if flat.kind_of_type(field.type) == "text" and field.name not in columns.observations:
-            texts = each_text(lambda text: from_cell(text.strip()) or None, table[k].cast(pa.string()))
-            table = table.set_column(k, field.name, texts)
-    return table
+    return StepTables(tables, columns, source, words, sizes, notes=notes, skipped=(*damaged, *skipped))
 
 
 def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
@@ -146,7 +131,14 @@ def _read_table(name: str, file: TextTable, columns: Columns, types: Mapping[str
     def whole(table: pa.Table) -> pa.Table:
         if columns.episode == FILE:
             table = table.append_column(FILE, [[without_suffix(name)] * len(table)])
-        return _cleaned(table, columns)
+        for k, field in enumerate(table.schema):  # spaces around texts go, and "" is null, but for observations
+            if flat.kind_of_type(field.type) == "text" and field.name not in columns.observations:
+                texts = each_text(lambda text: from_cell(text.strip()) or None, table[k].cast(pa.string()))
+                table = table.set_column(k, field.name, texts)
+        ids = table[columns.episode] if columns.episode in table.column_names else ()
+        if len(ids) and pc.any(pc.equal(ids, columns.episode)).as_py():
+            file.check()  # as it may be a second head
+        return table
 
     def rows(text: pa.NativeFile, *options: object) -> Any:
         if not file.on_disk:

@@ -45,41 +45,26 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """The arrays that columns make.
-
-    Attributes
-    ----------
-    observations, actions : tuple of Column
-    observation, action : dtype
-    n_parts : int
-        Parts of an action; 0 where actions are discrete, and where a single number may yet be.
-    left_out : mapping of str to str
-        Names of the numbers in lists that are not read, and why.
-    allows_missing : bool
-        Whether numbers may be NaN or infinite.
-    action_kind : {"auto", "discrete", "continuous"}
-        As the user wants it.
-    """
+    """The arrays that columns make."""
 
     observations: tuple[Column, ...]
     actions: tuple[Column, ...]
     observation: np.dtype[np.generic]
     action: np.dtype[np.generic]
-    n_parts: int
-    left_out: Mapping[str, str]
-    allows_missing: bool
-    action_kind: ActionKind
+    n_parts: int  # of an action; 0 where actions are discrete, and where a single number may yet be
+    left_out: Mapping[str, str]  # names of the numbers in lists that are not read, and why
+    allows_missing: bool  # whether numbers may be NaN or infinite
+    action_kind: ActionKind  # as the user wants it
 
     @classmethod
     def of(cls, table: pa.Table, columns: Columns, joints: Mapping[str, Sequence[str]]) -> Layout:
         """By the types of the columns, and the first lists in them; `joints` name the numbers of a list."""
-        chosen = _Chosen(columns)
-        observations, actions = (chosen.of(table, own, joints) for own in (columns.observations, columns.actions))
-        chosen.check()
+        observations, actions, left_out = _chosen(table, columns, joints)
         if not actions or not observations:
             what = "action" if observations else "observations"
             raise DataError(f"{columns.source}: <option> leaves nothing of the {what}; correct it.", "exclude")
-        observation, action = (_stacked(table, own) for own in (observations, actions))
+        kinds = ({value_type(table[one.name].type) for one in own} for own in (observations, actions))
+        observation, action = (np.dtype(np.float32 if own == {np.dtype(np.float32)} else np.float64) for own in kinds)
         first, n_parts = actions[0], sum(len(one.parts) for one in actions)
         own_type = value_type(table[first.name].type)
         is_list_of_floats = own_type.kind == "f" and flat.kind_of_type(table[first.name].type) == "list"
@@ -88,7 +73,7 @@ class Layout:
             n_parts, action = 0, action if own_type.kind == "f" else own_type
         allows_missing = columns.options.allow_missing or columns.options.skip_bad is True
         asked = allows_missing, columns.options.action_kind
-        return cls(observations, actions, observation, action, n_parts, chosen.left_out, *asked)
+        return cls(observations, actions, observation, action, n_parts, left_out, *asked)
 
     @property
     def observation_names(self) -> tuple[str, ...]:
@@ -126,7 +111,11 @@ class Layout:
         for one in columns:
             block = flat.column_values(table, one.name, at, self.allows_missing)
             if block.dtype.kind == "U" and out.dtype.kind != "U":
-                raise flat.no_numbers(block, one.name, at)
+                row = next((row for row, text in enumerate(block) if not flat.is_number(text)), 0)
+                said = (
+                    f"holds text ({str(block[row])[:40]!r}), not numbers; write numbers, or leave the column out with"
+                )
+                raise DataError(f"{at(row)}: column {one.name!r} {said} <option>.", "exclude")
             block = block.reshape(len(block), -1)
             if block.shape[1] != one.width:
                 fault = f"holds {block.shape[1]} numbers, not {one.width} as elsewhere"
@@ -135,53 +124,50 @@ class Layout:
             start += len(one.parts)
 
 
-class _Chosen:
-    """The numbers of columns that are read, by what the user says of their names, column by column."""
+def _chosen(
+    table: pa.Table, columns: Columns, joints: Mapping[str, Sequence[str]]
+) -> tuple[tuple[Column, ...], tuple[Column, ...], dict[str, str]]:
+    """The columns of observations, and of actions, of which a number is read, and why other numbers are not.
 
-    def __init__(self, columns: Columns) -> None:
-        self.columns, self.left_out, self.known = columns, dict[str, str](), list[str]()
-        self.unknown = dict.fromkeys(pattern for found in columns.chosen_parts.values() for pattern in found)
-        self.unknown |= {pattern: None for pattern, is_known in columns.excluded_parts.items() if not is_known}
+    A `DataError` where a name that the user gave is that of no column and of no part.
+    """
+    left_out, known, found, excluded = dict[str, str](), list[str](), list[tuple[Column, ...]](), columns.excluded_parts
+    unknown = dict.fromkeys(pattern for patterns in columns.chosen_parts.values() for pattern in patterns)
+    unknown |= {pattern: None for pattern, is_known in excluded.items() if not is_known}
 
-    def of(self, table: pa.Table, names: Sequence[str], joints: Mapping[str, Sequence[str]]) -> tuple[Column, ...]:
-        """The columns of these `names` of which a number is read."""
-        found, first = [], 0
-        kinds = {name: flat.kind_of_type(table[name].type) for name in names}
-        lists = {
-            name: next((row for row in table[name] if row.is_valid), [None]) for name in names if kinds[name] == "list"
-        }
-        widths = {name: len(lists.get(name, [None])) for name in names}
-        parts = flat.part_names(widths, joints)
-        self.known += parts
-        for name, width in widths.items():
-            own, chosen = parts[first : first + width], self.columns.chosen_parts.get(name)
-            first += width
-            excluded = {part for part in own if self._is_named(part, name, self.columns.excluded_parts)}
-            named = {part for part in own if chosen is None or self._is_named(part, name, chosen)}
-            read = tuple(part for part in own if part in named and (part not in excluded or width == 1))
-            why = ("not among those named", "excluded as asked")
-            self.left_out |= {part: why[part in excluded] for part in own if part not in read}
-            if read or not own:
-                found.append(Column(name, read, None if len(read) == width else np.isin(own, read)))
-        return tuple(found)
-
-    def _is_named(self, part: str, column: str, patterns: Iterable[str]) -> bool:
+    def is_named(part: str, column: str, patterns: Iterable[str]) -> bool:
         """Whether one of the `patterns` names a number, with the column's whole name or its short one."""
         spellings = {part.lower(), f"{column}.{part.removeprefix(short_name(column)).lstrip('.')}".lower()}
-        found = [pattern for pattern in patterns if any(fnmatchcase(text, pattern.lower()) for text in spellings)]
-        for pattern in found:
-            self.unknown.pop(pattern, None)
-        return bool(found)
+        hits = [pattern for pattern in patterns if any(fnmatchcase(text, pattern.lower()) for text in spellings)]
+        for pattern in hits:
+            unknown.pop(pattern, None)
+        return bool(hits)
 
-    def check(self) -> None:
-        """A `DataError` where a name that the user gave is that of no column and of no part."""
-        for pattern in self.unknown:
-            close = get_close_matches(pattern, self.known, 3) or self.known
-            raise DataError(
-                f"{self.columns.source}: no column, nor a number in one, is called {pattern!r}; correct <option>, "
-                f"<option> or <option> (found {quoted(close)}).",
-                ("exclude", "observations", "action"),
-            )
+    for names in (columns.observations, columns.actions):
+        lists = [name for name in names if flat.kind_of_type(table[name].type) == "list"]
+        rows = {name: next((row for row in table[name] if row.is_valid), [None]) for name in lists}
+        widths, own, first = {name: len(rows.get(name, [None])) for name in names}, list[Column](), 0
+        parts = flat.part_names(widths, joints)
+        known += parts
+        for name, width in widths.items():
+            these, patterns = parts[first : first + width], columns.chosen_parts.get(name)
+            first += width
+            without = {part for part in these if is_named(part, name, excluded)}
+            wanted = {part for part in these if patterns is None or is_named(part, name, patterns)}
+            read = tuple(part for part in these if part in wanted and (part not in without or width == 1))
+            why = ("not among those named", "excluded as asked")
+            left_out |= {part: why[part in without] for part in these if part not in read}
+            if read or not these:
+                own.append(Column(name, read, None if len(read) == width else np.isin(these, read)))
+        found.append(tuple(own))
+    for pattern in unknown:
+        close = get_close_matches(pattern, known, 3) or known
+        raise DataError(
+            f"{columns.source}: no column, nor a number in one, is called {pattern!r}; correct <option>, <option> or "
+            f"<option> (found {quoted(close)}).",
+            ("exclude", "observations", "action"),
+        )
+    return found[0], found[1], left_out
 
 
 def value_type(kind: pa.DataType) -> np.dtype[np.generic]:
@@ -194,12 +180,6 @@ def value_type(kind: pa.DataType) -> np.dtype[np.generic]:
     if pa.types.is_float32(kind):
         return np.dtype(np.float32)
     return np.dtype(np.int64 if pa.types.is_integer(kind) or pa.types.is_boolean(kind) else np.float64)
-
-
-def _stacked(table: pa.Table, columns: Sequence[Column]) -> np.dtype[np.generic]:
-    """The type of columns side by side."""
-    kinds = {value_type(table[one.name].type) for one in columns}
-    return np.dtype(np.float32 if kinds == {np.dtype(np.float32)} else np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,13 +21,13 @@ from rpil.data.guard import guarded
 from rpil.data.held import held_bytes
 from rpil.data.memory import MIB, check_memory
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.description import damaged_lines
+from rpil.formats.scan import damaged_lines
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz")
 _SUFFIX = re.compile(r"\.(?:csv|tsv|txt)(?:\.gz)?$", re.IGNORECASE)
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 _HEAD_LINES = 200
-_MEMORY_PER_BYTE = 4  # of a file whose numbers have four characters
+MEMORY_PER_BYTE = 4  # of a file whose numbers have four characters
 _CHUNK = 16 * MIB
 _MOST_JOINED = MIB  # lines that are looked at again, because quotations join them
 _COMMENT = re.compile(r"\s*#|sep=.$", re.IGNORECASE)  # Excel writes the separator into a line of its own
@@ -118,6 +118,8 @@ def text_rows(file: TextTable) -> Iterator[TextRow]:
                 del lines[1:]
             elif values and is_wrong and not lines[0].lstrip().startswith("#"):
                 fault = f"{len(values)} values for {n_columns} columns in {lines[0].strip()[:40]!r}"
+            elif number and not is_wrong and tuple(map(str.strip, values)) == file.names:
+                fault = "it repeats the names of the columns, as where files were joined"
             elif numbers is None and values and not is_wrong:
                 numbers = _numbers_in(values)
             if n_joined > _MOST_JOINED:
@@ -180,7 +182,9 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
         said = f"the first row holds numbers, not names; put the names of its {len(names)} columns above it"
         raise DataError(f"{path.name}: {said}, or give a frame in Python, as pandas.read_csv(FILE, names=[...]).")
     names = [name or (f"Unnamed: {k}" if k else "") for k, name in enumerate(names)]
-    decimal = _decimal(lines[skip:], separator)
+    cells = (cell.strip('"') for line in lines[skip:] if separator != "," for cell in line.split(separator))
+    signs = {found[1] for cell in cells if (found := _WRITTEN_NUMBER.fullmatch(cell))}
+    decimal = "," if "," in signs and "." not in signs else "."
     file = TextTable(path, tuple(names), skip, separator, encoding, decimal, options.on_disk, n_lines)
     if not options.skip_bad:
         return file
@@ -207,18 +211,9 @@ def _decoded(path: Path, options: ColumnOptions) -> tuple[str, str, int]:
                     encoding = "utf-16" if chunk.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else encoding
                     decoder = codecs.getincrementaldecoder(encoding)()
                 n_bytes += len(chunk)
-                check_memory(0 if options.on_disk else _MEMORY_PER_BYTE * n_bytes, path.name, options.memory)
+                check_memory(0 if options.on_disk else MEMORY_PER_BYTE * n_bytes, path.name, options.memory)
                 text = decoder.decode(chunk)
                 head, is_quoted = head or text, is_quoted or '"' in text
                 n_lines += text.count("\n") + text.count("\r") - text.count("\r\n")
             return head, encoding, is_quoted * (n_lines + (not text.endswith(("\n", "\r"))))
     return "", encoding, 0
-
-
-def _decimal(lines: list[str], separator: str) -> str:
-    """A comma where values such as 1,5 occur between other separators, and none such as 1.5."""
-    if separator == ",":
-        return "."
-    values = (value.strip('"') for line in lines for value in line.split(separator))
-    signs = {found[1] for value in values if (found := _WRITTEN_NUMBER.fullmatch(value))}
-    return "," if "," in signs and "." not in signs else "."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Protocol, TypeVar, runtime_checkable
@@ -20,7 +20,7 @@ from rpil.data.names import natural_key, quoted
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import GUESSED_ROWS, ColumnOptions, Columns, check_names
-from rpil.formats.metadata import Origin
+from rpil.formats.metadata import Metadata
 from rpil.formats.steps import ArrowFile
 from rpil.numerics.types import Array
 
@@ -37,26 +37,17 @@ class Frame(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class StepTables:
-    """Tables one below the other, with a row for each step.
+    """What a reader gives: tables one below the other, with a row for each step, and what the files say beside them."""
 
-    Attributes
-    ----------
-    tables : iterable of pyarrow.Table
-        Read one by one; or a file of them.
-    columns : Columns
-    origin : Origin
-    sizes : mapping of str to int
-        The numbers of rows from each file, for formats in which files may state the order of demonstrations.
-    """
-
-    tables: Iterable[pa.Table] | ArrowFile
+    tables: Iterable[pa.Table] | ArrowFile  # read one by one; or a file of them
     columns: Columns
-    origin: Origin
-    sizes: Mapping[str, int] = field(default_factory=dict)
-
-    def with_ignored(self, names: Mapping[str, str]) -> StepTables:
-        """The same, where parts of the file are not read for the reasons in `names`."""
-        return replace(self, origin=replace(self.origin, ignored={**self.origin.ignored, **names}))
+    source: str  # the name of the data in messages
+    format_name: str
+    sizes: Mapping[str, int] = field(default_factory=dict)  # rows of each file, where files may state an order
+    metadata: Metadata = Metadata()
+    notes: tuple[str, ...] = ()  # what a user should know, in sentences
+    ignored: Mapping[str, str] = field(default_factory=dict)  # parts of the file that are no columns, and why
+    skipped: tuple[str, ...] = ()  # damaged files and lines, which are not read
 
 
 def from_arrow(
@@ -72,7 +63,7 @@ def from_arrow(
     kinds |= flat.kinds_of(head.slice(0, flat.HEAD_ROWS))
     columns = find_columns(table.column_names, kinds, source, options, default_id, head)
     chosen = (one.select([*columns.all, *columns.may_be_outcomes]) for one in chain([table], waiting))
-    return StepTables(chosen, columns, Origin(source, format_name))
+    return StepTables(chosen, columns, source, format_name)
 
 
 def plain_columns(table: pa.Table) -> pa.Table:
@@ -95,7 +86,7 @@ def called(*suffixes: str) -> Callable[[Path], bool]:
     return lambda path: path.is_file() and path.name.lower().endswith(suffixes)
 
 
-def write_list(path: Path, output: Path, ids: Sequence[Id]) -> None:
+def write_list(output: Path, ids: Sequence[Id]) -> None:
     """Write ids as JSON, ``{"episodes": [...]}``, where the `output` is called so, or else as text, one a line."""
     is_json = output.suffix.lower() == ".json"
     text = json.dumps({"episodes": [*ids]}, indent=1) if is_json else "\n".join(map(str, ids))
@@ -126,58 +117,29 @@ class Shot:
 
 @dataclass(frozen=True)
 class Format:
-    """What a format can do; what is left out of the record, it cannot.
+    """What a format can do; what is left out of the record, it cannot."""
 
-    Attributes
-    ----------
-    name : str
-        In messages.
-    claims : function of a path
-        Whether the file or folder there has this format. Return False if unsure; raise `DataError` only to stop the
-        search.
-    read : function of a path and the options for columns
-        Its `StepTables`; a `DataError` where it cannot be read.
-    keep : Keep, optional
-        Ids are as `read` gives them, or text. Nothing is at the output where it fails.
-    unkept : function of a path and the options for columns
-        What `keep` writes no new file of, in words; empty where it writes one.
-    keep_list : function of a path, that of the output, and ids
-        Writes the list of these ids, which `read` gives, in the order of the file.
-    has_own_ids : bool
-        Whether demonstrations are kept by ids of their own, and not by those of a column.
-    suffixes : tuple of str
-        Extensions of its files; those that `write` writes have the first.
-    write : function of a path, demonstrations and arrays (M,) by name, optional
-        Writes demonstrations, and true values for each, which `read` ignores.
-    check_output : function of the path of the data, and that of the output
-        A `DataError` where `keep` cannot write there, before any work; extensions are compared before.
-    find_defects : function of a path, optional
-        What beside the demonstrations does not agree with them; with True, in videos too.
-    annotate : function of a path, that of a new folder and columns, optional
-        Writes a copy that says more of each demonstration: by the name of a column, values by ids as text.
-    shots : function of a path, optional
-        Where in video files each demonstration is seen; files need not be there.
-    commands_to_keep : function of a path, all ids, those kept, and the output of `keep`
-        Lines with what to give the tool that wrote the data, so that it takes the kept ones only.
-    notes_on_weights : tuple of str
-        Sentences on how that tool takes weights.
-    """
-
-    name: str
+    name: str  # in messages
+    # Whether the file or folder there has this format: False if unsure, and a `DataError` only to stop the search.
     claims: Callable[[Path], bool]
-    read: Callable[[Path, ColumnOptions], StepTables]
-    keep: Keep | None = None
+    read: Callable[[Path, ColumnOptions], StepTables]  # a `DataError` where it cannot be read
+    keep: Keep | None = None  # ids are as `read` gives them, or text; nothing is at the output where it fails
+    # What `keep` writes no new file of, in words; empty where it writes one.
     unkept: Callable[[Path, ColumnOptions], str] = lambda *_: ""
-    keep_list: Callable[[Path, Path, Sequence[Id]], None] = write_list
-    has_own_ids: bool = False
-    suffixes: tuple[str, ...] = ()
+    has_own_ids: bool = False  # whether demonstrations are kept by ids of their own, and not by those of a column
+    suffixes: tuple[str, ...] = ()  # extensions of its files; those that `write` writes have the first
+    # Writes demonstrations to a path, and true values (M,) for each by name, which `read` ignores.
     write: Callable[[Path, Demonstrations, Mapping[str, Array]], None] | None = None
+    # A `DataError` where `keep` cannot write the data to the output, before any work; extensions are compared before.
     check_output: Callable[[Path, Path], object] = lambda *_: None
+    # What beside the demonstrations does not agree with them; with True, in videos too.
     find_defects: Callable[[Path, bool], list[Defect]] | None = None
+    # Writes a copy to a new folder that says more of each demonstration: by the name of a column, values by id as text.
     annotate: Callable[[Path, Path, Mapping[str, Mapping[str, object]]], None] | None = None
-    shots: Callable[[Path], Sequence[Shot]] | None = None
+    shots: Callable[[Path], Sequence[Shot]] | None = None  # where in video files each is seen; these need not be there
+    # Lines with what to give the tool that wrote the data so that, of all ids, it takes those that `keep` wrote only.
     commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = lambda *_: []
-    notes_on_weights: tuple[str, ...] = ()
+    notes_on_weights: tuple[str, ...] = ()  # sentences on how that tool takes weights
 
 
 def kept_of(there: Iterable[K], ids: Sequence[Id], path: Path) -> list[K]:

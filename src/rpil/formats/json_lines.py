@@ -20,12 +20,12 @@ from rpil.data.names import ACTION_COLUMNS, EPISODE, EPISODE_COLUMNS, natural_ke
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE
-from rpil.formats.description import damaged_lines, parts_in_words
+from rpil.formats.dialect import MEMORY_PER_BYTE
 from rpil.formats.format import Format, StepTables, from_arrow, keep_one_file, plain_columns
+from rpil.formats.scan import damaged_lines, parts_in_words
 from rpil.formats.table_folder import has_tables
 
 JSON_SUFFIXES = (".jsonl", ".ndjson", ".catalog")
-_MEMORY_OF_BYTE = 4  # of a file whose numbers have four characters
 _LARGEST_BLOCK = (1 << 31) - 1
 _NO_LINES = "no lines of JSON, or damaged or truncated ones", "write an object of the same kind on each line"
 _LINE = "\0line"  # the column of the number of a line, as no other is called
@@ -44,7 +44,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     Where no column tells demonstrations apart, each file of a folder is one.
     """
     files = {file.relative_to(path).as_posix() if path.is_dir() else file.name: file for file in _files(path)}
-    check_memory(_MEMORY_OF_BYTE * sum(file.stat().st_size for file in files.values()), path.name, options.memory)
+    check_memory(MEMORY_PER_BYTE * sum(file.stat().st_size for file in files.values()), path.name, options.memory)
     found = {name: _parsed(file, options) for name, file in files.items()}
     tables = {name: _steps(table).drop_columns([_LINE]) for name, (table, _) in found.items()}
     skipped = tuple(parts_in_words(damaged, "line", [name]) for name, (_, damaged) in found.items() if damaged)
@@ -54,8 +54,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
         tables = {m: one.append_column(FILE, pa.repeat(names[m], len(one))) for m, one in tables.items()}
     table = flat.end_to_end([*tables.values()], path.name)
     name = "JSON lines" if len(files) == 1 else f"JSON lines, {len(files):,} files"
-    steps = from_arrow([table], options, path.name, name, default)
-    return replace(steps, origin=replace(steps.origin, skipped=skipped))
+    return replace(from_arrow([table], options, path.name, name, default), skipped=skipped)
 
 
 def _files(path: Path) -> list[Path]:
@@ -79,7 +78,12 @@ def _parsed(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
         with suppress(pa.ArrowInvalid):
             if all(line[:1] + line.rstrip()[-1:] == b"{}" for line in lines.values()):
                 return _objects(lines), damaged
-        damaged = [number for number, line in lines.items() if not _is_object(line)]
+        for number, line in lines.items():
+            try:
+                is_object = isinstance(json.loads(line.decode("utf-8-sig")), dict)
+            except (ValueError, RecursionError):
+                is_object = False
+            damaged += [] if is_object else [number]
         if damaged and not options.skip_bad:
             raise damaged_lines(file.name, [f"line {number:,}: it holds no object of JSON" for number in damaged])
         for number in damaged:
@@ -94,13 +98,6 @@ def _objects(lines: Mapping[int, bytes]) -> pa.Table:
     reading = pa.json.ReadOptions(use_threads=False, block_size=size)
     table = plain_columns(pa.json.read_json(pa.BufferReader(content), reading)) if lines else pa.table({})
     return table.append_column(_LINE, pa.array(lines, pa.int64()))
-
-
-def _is_object(line: bytes) -> bool:
-    try:
-        return isinstance(json.loads(line.decode("utf-8-sig")), dict)
-    except (ValueError, RecursionError):
-        return False
 
 
 def _steps(table: pa.Table) -> pa.Table:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import PurePosixPath
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import pyarrow as pa
@@ -62,39 +62,7 @@ class Metadata:
         return tuple(str(text) for text in found if text)
 
 
-@dataclass(frozen=True)
-class Origin:
-    """Where the M demonstrations of a table come from.
-
-    Attributes
-    ----------
-    source : str
-        The name of the data in messages.
-    format_name : str
-    metadata : Metadata
-        Of LeRobot.
-    notes : tuple of str
-        What a user should know, in sentences.
-    ignored : mapping of str to str
-        Parts of the file that are no columns, and why they are not read.
-    skipped : tuple of str
-        Damaged files and lines, which are not read.
-    """
-
-    source: str
-    format_name: str
-    metadata: Metadata = Metadata()
-    notes: tuple[str, ...] = ()
-    ignored: Mapping[str, str] = field(default_factory=dict)
-    skipped: tuple[str, ...] = ()
-
-    def only(self, ids: Sequence[Id]) -> Origin:
-        """The same of the demonstrations `ids` alone; declared totals are of all, and so of no use."""
-        lengths = {m: self.metadata.lengths[m] for m in ids if m in self.metadata.lengths}
-        return replace(self, metadata=replace(self.metadata, sizes={}, lengths=lengths))
-
-
-def find_facts(steps: Steps, columns: Columns, origin: Origin) -> Facts:
+def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
     """The facts about the M demonstrations.
 
     A `DataError` where the column of the session or of the outcome, which the user names, cannot be one.
@@ -102,31 +70,37 @@ def find_facts(steps: Steps, columns: Columns, origin: Origin) -> Facts:
     table = steps.read([*clock_columns(columns), *columns.facts])
     files, order = steps.files(steps.offsets[:-1]), None
     are_numbers = plain_name(columns.episode) == EPISODE[0] and isinstance(steps.ids[0], int)
-    if files and origin.metadata.version and are_numbers:  # LeRobot numbers them in their order
+    if files and metadata.version and are_numbers:  # LeRobot numbers them in their order
         order = np.array(steps.ids, dtype=float)
-    elif files:
-        order = start_times({name: table[name] for name in clock_columns(columns)}, steps.offsets)
-    sessions = () if columns.session is None else _sessions(table, columns.session, steps, files)
-    outcomes = tuple(_outcome(table, name, columns, steps.offsets, origin.source) for name in columns.outcomes)
+    low, high = _WALL_CLOCK  # clocks that begin anew with each demonstration do not tell which one came first
+    for name in clock_columns(columns) if files and order is None else ():
+        column = table[name].cast(pa.timestamp("s")) if pa.types.is_date(table[name].type) else table[name]
+        values = order_values(column)
+        if values is None or not len(values) or pa.types.is_duration(column.type) or pa.types.is_time(column.type):
+            continue
+        starts = (seconds := values * (unit_of(name, column.type, values) or 1.0))[steps.offsets[:-1]]
+        if low < seconds.min() and seconds.max() < high and len(np.unique(starts)) == len(starts):
+            order = starts.astype(float)
+            break
+    sessions = () if columns.session is None else _sessions(columns.session, steps, files)
+    outcomes = tuple(_outcome(table, name, columns, steps.offsets, steps.source) for name in columns.outcomes)
     return Facts(order, sessions, outcomes, columns.outcomes)
 
 
-def _sessions(table: pa.Table, name: str, steps: Steps, files: Sequence[str]) -> tuple[str, ...]:
+def _sessions(name: str, steps: Steps, files: Sequence[str]) -> tuple[str, ...]:
     """The session of each demonstration."""
-    if name == FILE_SESSION and name not in table.column_names:
+    if name == FILE_SESSION and name not in steps.table.schema.names:
         if not files:
             raise DataError(f"{steps.source}: its files make no sessions; name a column with <option>.", "session")
         return tuple(files)
-    values, codes = encoded(table[name])
-    low, high = (extreme.reduceat(codes, steps.offsets[:-1]) for extreme in (np.minimum, np.maximum))
-    wrong = np.flatnonzero((low < 0) | (low != high))
-    if len(wrong):
-        fault = "has no value" if low[wrong[0]] < 0 else "changes"
-        raise DataError(
-            f"{steps.source}, demonstration {steps.ids[wrong[0]]!r}: column {name!r} {fault} within it; give it one "
-            "session."
-        )
-    return tuple(str(values[code]) for code in low.tolist())
+    pairs, ids = pairs_of(steps, name), {str(m): m for m in steps.ids}
+    counts = Counter(m for m, _ in pairs)
+    for m, value in pairs:
+        if value is None or counts[m] > 1:
+            fault = "has no value" if value is None else "changes"
+            place = f"{steps.source}, demonstration {ids[m]!r}"
+            raise DataError(f"{place}: column {name!r} {fault} within it; give it one session.")
+    return tuple(str(value) for _, value in pairs)
 
 
 def _outcome(table: pa.Table, wanted: str, columns: Columns, offsets: Array, source: str) -> Float[Array, " M"]:
@@ -151,13 +125,6 @@ def _outcome(table: pa.Table, wanted: str, columns: Columns, offsets: Array, sou
     )  # a flag stays one
 
 
-def file_names(paths: Iterable[str]) -> list[str]:
-    """Names of files, with their folders where two are called alike."""
-    whole = list(paths)
-    short = [PurePosixPath(path).name for path in whole]
-    return short if len(set(short)) == len(set(whole)) else whole
-
-
 def pairs_of(steps: Steps, name: str | None) -> list[tuple[str, object]]:
     """The different pairs of id, as text, and value of a column, if there is one, in the order of the file."""
     if name is None:
@@ -168,14 +135,6 @@ def pairs_of(steps: Steps, name: str | None) -> list[tuple[str, object]]:
     values = [int(v) if isinstance(v, float) and are_whole(np.array([v])) else v for v in values] + [None]
     owners = each[np.sort(first)]
     return [(str(steps.ids[m]), values[codes[row]]) for m, row in zip(owners.tolist(), np.sort(first), strict=True)]
-
-
-def tasks_of(pairs: Sequence[tuple[str, object]], metadata: Metadata) -> dict[str, str]:
-    """The task of each demonstration from pairs of its id and the values of a column; several are one task together."""
-    names: dict[str, list[str]] = {}
-    for m, value in pairs:
-        names.setdefault(m, []).append("" if value is None else metadata.tasks.get(str(value), str(value)))
-    return {m: "; ".join(sorted(tasks)) for m, tasks in names.items()}
 
 
 def different(pairs: Iterable[tuple[str, object]], names: Mapping[str, str] | None = None) -> tuple[str, ...]:
@@ -193,21 +152,11 @@ _WALL_CLOCK = 5e8, 1e10
 
 @dataclass(frozen=True, eq=False)
 class Times:
-    """What a recording says about its times and lengths.
+    """What a recording says about its times and lengths."""
 
-    Attributes
-    ----------
-    timestamps : (N,) array, optional
-        Time of each step in seconds, in the order of the demonstrations; NaN where it is missing.
-    fps : float, optional
-        Frames a second.
-    frames : mapping of id to int
-        Frames that each demonstration should have.
-    """
-
-    timestamps: Float[Array, " N"] | None = None
-    fps: float | None = None
-    frames: Mapping[Id, int] = field(default_factory=dict)
+    timestamps: Float[Array, " N"] | None = None  # of each step in seconds; NaN where it is missing
+    fps: float | None = None  # frames a second
+    frames: Mapping[Id, int] = field(default_factory=dict)  # that each demonstration should have
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,39 +227,3 @@ def unit_of(name: str, kind: pa.DataType, values: Array) -> float | None:
     if not _WORDS_OF_TIME & set(words):
         return None
     return 1.0 if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)) else None
-
-
-def start_times(columns: Mapping[str, pa.ChunkedArray], offsets: Array) -> Array | None:
-    """When each demonstration starts, by the first of the `columns` in which each has a wall-clock time of its own.
-
-    The columns are in the order of the demonstrations. None where none has: clocks that begin anew with each
-    demonstration, or with the recorder, do not tell which demonstration came first.
-    """
-    for name, column in columns.items():
-        seconds = _since_1970(name, column)
-        if seconds is not None and len(np.unique(starts := seconds[offsets[:-1]])) == len(starts):
-            return starts.astype(float)
-    return None
-
-
-def _since_1970(name: str, column: pa.ChunkedArray) -> Array | None:
-    """Seconds since 1970; None where a value is missing or is no wall-clock time."""
-    if pa.types.is_date(column.type):
-        column = column.cast(pa.timestamp("s"))
-    values = order_values(column)
-    if values is None or not len(values) or pa.types.is_duration(column.type) or pa.types.is_time(column.type):
-        return None
-    seconds = values * (unit_of(name, column.type, values) or 1.0)
-    low, high = _WALL_CLOCK
-    return seconds if low < seconds.min() and seconds.max() < high else None
-
-
-def with_facts(
-    tables: Iterable[pa.Table], episode: str, facts: Mapping[str, Mapping[str, Parsed]]
-) -> Iterator[pa.Table]:
-    """The tables with a column for each of the `facts`, which have a value for each id."""
-    for table in tables:
-        ids, rows = encoded(table[episode])
-        for name, by_id in facts.items():
-            table = table.append_column(name, pa.array([by_id.get(str(m)) for m in ids]).take(pa.array(rows)))
-        yield table

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence, Set
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
@@ -15,17 +15,18 @@ from pyarrow import fs
 
 from rpil.data.errors import DamagedError, DataError
 from rpil.data.files import replacing
+from rpil.data.json_files import Parsed
 from rpil.data.memory import check_memory
 from rpil.data.names import EPISODE, is_data
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import GUESSED_ROWS, ColumnOptions, Columns, check_names
-from rpil.formats.description import parts_in_words, without_damaged
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.meta_folder import MetaFolder, read_metadata
-from rpil.formats.metadata import Metadata, Origin, file_names, with_facts
+from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, opened, read_table
-from rpil.formats.table import BATCH_ROWS, Kind, other_columns
+from rpil.formats.scan import parts_in_words, without_damaged
+from rpil.formats.table import BATCH_ROWS, Kind, encoded, other_columns
 
 _HEAD_COLUMNS = 2000  # whose first values are looked at
 _NESTED_ROWS = 1000  # read at a time where there are images
@@ -42,14 +43,13 @@ def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnO
         readable(filesystem, paths, source, skips=False)
         raise
     name = f"LeRobot {metadata.version}" if metadata.version else "Parquet"
-    origin = Origin(source, name if len(paths) == 1 else f"{name}, {len(paths):,} files", metadata, skipped=skipped)
+    name = name if len(paths) == 1 else f"{name}, {len(paths):,} files"
     if not options.on_disk:
         check_memory(n_bytes, source, options.memory)
-    tables = _tables(filesystem, paths, schema)
-    if named := [name for name in columns.made if name in metadata.facts]:
-        tables = with_facts(tables, columns.episode, {name: metadata.facts[name] for name in named})
-        columns = replace(columns, made=tuple(name for name in columns.made if name not in named))
-    return StepTables(tables, columns, origin, sizes)
+    named = {name: metadata.facts[name] for name in columns.made if name in metadata.facts}
+    tables = _tables(filesystem, paths, schema, columns.episode, named)
+    columns = replace(columns, made=tuple(name for name in columns.made if name not in named))
+    return StepTables(tables, columns, source, name, sizes, metadata, skipped=skipped)
 
 
 def _opened_files(
@@ -58,7 +58,8 @@ def _opened_files(
     """The types of the columns that are read, the rows of each file, the columns by their roles, what the files say of
     themselves, and the bytes that all take in memory; a `DataError` where the columns of the files differ."""
     schema, sizes, n_bytes, columns, metadata = pa.schema([]), dict[str, int](), 0, None, Metadata()
-    for path, name in zip(paths, file_names(paths), strict=True):
+    short = [PurePosixPath(path).name for path in paths]  # but where two are called alike
+    for path, name in zip(paths, short if len({*short}) == len({*paths}) else paths, strict=True):
         with opened(filesystem, path) as file:
             if columns is None:  # so that damaged data are named before damaged metadata
                 metadata = read_metadata(filesystem, paths)
@@ -80,8 +81,14 @@ def _opened_files(
     return pa.schema([schema.field(one) for one in order]), sizes, columns, metadata, n_bytes
 
 
-def _tables(filesystem: fs.FileSystem, paths: Sequence[str], schema: pa.Schema) -> Iterator[pa.Table]:
-    """The rows of files, with the types of a schema."""
+def _tables(
+    filesystem: fs.FileSystem,
+    paths: Sequence[str],
+    schema: pa.Schema,
+    episode: str,
+    facts: Mapping[str, Mapping[str, Parsed]],
+) -> Iterator[pa.Table]:
+    """The rows of files, with the types of a schema, and a column for each of the `facts`."""
     for path in paths:
         n_rows, name = 0, PurePosixPath(path).name
         with opened(filesystem, path) as file:
@@ -89,7 +96,11 @@ def _tables(filesystem: fs.FileSystem, paths: Sequence[str], schema: pa.Schema) 
                 n_rows += len(batch)
                 table = pa.Table.from_batches([batch]).select(schema.names)
                 check_table(table, name)
-                yield table if table.schema.equals(schema) else table.cast(schema)
+                table = table if table.schema.equals(schema) else table.cast(schema)
+                ids, rows = encoded(table[episode]) if facts else ([], ())
+                for fact, by_id in facts.items():
+                    table = table.append_column(fact, pa.array([by_id.get(str(m)) for m in ids]).take(pa.array(rows)))
+                yield table
             if n_rows != file.metadata.num_rows:
                 raise ValueError(f"{n_rows} of {file.metadata.num_rows} rows are there")
 
@@ -120,8 +131,8 @@ def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions, fac
 def readable(
     filesystem: fs.FileSystem, paths: Sequence[str], source: str, skips: object = True
 ) -> tuple[list[str], tuple[str, ...]]:
-    """The Parquet files that are not damaged, by all of their rows, and words for the others; unless these are skipped,
-    a `DataError` on them, by footers alone."""
+    """The Parquet files that are not damaged, by all of their rows, and words for the others, with the episodes that
+    ``meta`` lists and no other file has; unless these are skipped, a `DataError` on them, by footers alone."""
 
     def read(path: str) -> None:
         with opened(filesystem, path) as file:
@@ -129,29 +140,20 @@ def readable(
                 batch.validate(full=True)
 
     found, damaged = without_damaged(paths, read)
-    names, lost, left = _episodes(filesystem, damaged, found)
-    words = parts_in_words(lost, "episode", names)
+    data = next((folder for path in damaged for folder in PurePosixPath(path).parents if folder.name == "data"), None)
+    names, there, listed = [PurePosixPath(path).name for path in damaged], set[int](), set[int]()
+    if data is not None:
+        with suppress(DataError):  # of damaged metadata, which their reader names
+            listed |= {int(m) for m in MetaFolder(filesystem, data.parent).lengths}
+        for path in found if listed else ():
+            there |= {*read_table(path, [EPISODE[0]], filesystem)[EPISODE[0]].to_pylist()}
+        names = [str(PurePosixPath(path).relative_to(data.parent)) for path in damaged]
+    words = parts_in_words(listed - there, "episode", names)
     if damaged and not skips:
         said = f"damaged, as where a recording is cut off: {words}; copy again, or read and keep"
-        others = parts_in_words(left, "episode", []) or "the others"
+        others = parts_in_words(there, "episode", []) or "the others"
         raise DataError(f"{source}: {said} {others} with <option>.", "skip_bad")
     return [*found], (words,) if words else ()
-
-
-def _episodes(
-    filesystem: fs.FileSystem, damaged: Sequence[str], others: Collection[str]
-) -> tuple[list[str], list[int], list[int]]:
-    """The names of damaged files; the episodes that ``meta`` lists and others have not, and those that they have."""
-    data = next((folder for path in damaged for folder in PurePosixPath(path).parents if folder.name == "data"), None)
-    if data is None:
-        return [PurePosixPath(path).name for path in damaged], [], []
-    there, listed = set[int](), set[int]()
-    with suppress(DataError):  # of damaged metadata, which their reader names
-        listed |= {int(m) for m in MetaFolder(filesystem, data.parent).lengths}
-    for path in others if listed else ():
-        there |= {*read_table(path, [EPISODE[0]], filesystem)[EPISODE[0]].to_pylist()}
-    names = [str(PurePosixPath(path).relative_to(data.parent)) for path in damaged]
-    return names, sorted(listed - there), sorted(there)
 
 
 def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,22 +21,19 @@ from rpil.data.id_values import check_ids
 from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
 from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids
 from rpil.formats.dataset import Dataset, Layout
-from rpil.formats.description import Description, commas, left_out_lines
 from rpil.formats.format import Defect, StepTables
 from rpil.formats.metadata import (
     Clock,
     Metadata,
-    Origin,
     Times,
     clock_columns,
     different,
     find_clock,
     find_facts,
     pairs_of,
-    tasks_of,
 )
 from rpil.formats.places import find_places
-from rpil.formats.scan import Scan, scan
+from rpil.formats.scan import Description, Scan, commas, left_out_lines, scan
 from rpil.formats.steps import ArrowFile, Steps
 from rpil.formats.table import end_to_end, numbers_or_missing
 from rpil.numerics.types import Array, Bool
@@ -48,7 +46,7 @@ class Recording:
     Attributes
     ----------
     description : Description
-    steps, columns, found, origin : Steps, Columns, Scan, Origin
+    steps, columns, found, origin : Steps, Columns, Scan, StepTables
         The steps of the demonstrations, their columns, what one pass over them found, and where they come from.
     clock : Clock, optional
         The column of time.
@@ -68,7 +66,7 @@ class Recording:
     steps: Steps
     columns: Columns
     found: Scan
-    origin: Origin
+    origin: StepTables
     clock: Clock | None
     ids: tuple[Id, ...]
     options: ColumnOptions = ColumnOptions()
@@ -120,7 +118,10 @@ class Recording:
     @cached_property
     def tasks(self) -> dict[str, str]:
         """What was to be done in each demonstration, by its id as text; empty where the file does not say."""
-        return tasks_of(pairs_of(self.steps, self.columns.task), self.origin.metadata)
+        names, found = self.origin.metadata.tasks, defaultdict[str, list[str]](list)
+        for m, value in pairs_of(self.steps, self.columns.task):
+            found[m].append("" if value is None else names.get(str(value), str(value)))
+        return {m: "; ".join(sorted(tasks)) for m, tasks in found.items()}  # several are one task together
 
     @property
     def interventions(self) -> Bool[Array, " N"] | None:
@@ -146,7 +147,7 @@ class Recording:
     def facts(self) -> Facts:
         """Order, sessions and outcomes of the demonstrations; a `DataError` where a named column cannot say them."""
         with guarded(self.description.source):
-            return find_facts(self.steps, self.columns, self.origin)
+            return find_facts(self.steps, self.columns, self.origin.metadata)
 
     @cached_property
     def demonstrations(self) -> Demonstrations | Dataset:
@@ -184,19 +185,23 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
 
     A `DataError` where a demonstration that is to be chosen is unknown, or none is left.
     """
-    origin, source, notes = found.origin, found.origin.source, []
+    source, notes = found.source, []
     if options.split_gap:
         notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
     if options.segment:
         notes.append(f"Each stretch of {options.segment:g} s is a demonstration.")
     if notes:
-        origin = replace(origin.only(()), notes=(*notes, *origin.notes))
+        found = _of(replace(found, notes=(*notes, *found.notes)), ())
     if isinstance(found.tables, ArrowFile):
         table: pa.Table | ArrowFile = found.tables
     else:
-        table = ArrowFile.of(found.tables, source) if options.on_disk else end_to_end([*found.tables], source)
+        table = (
+            ArrowFile.of(found.tables, source, sum(found.sizes.values()))
+            if options.on_disk
+            else end_to_end([*found.tables], source)
+        )
     steps, columns = find_places(Steps(table, source, found.sizes), replace(found.columns, options=options))
-    layout = Layout.of(next(steps.tables(columns.data))[1], columns, origin.metadata.names)
+    layout = Layout.of(next(steps.tables(columns.data))[1], columns, found.metadata.names)
     ids, asked = steps.ids, _asked(steps.ids, options, source)
     steps = steps.only(asked)
     seen, left_out, aside = scan(steps, layout, columns), dict[str, str](), list[Id]()
@@ -209,21 +214,42 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
         seen = scan(steps, replace(layout, observations=left), columns)
     columns = columns.without_observations(left_out | seen.left_out)
     columns = replace(columns, may_be_outcomes=tuple(_outcomes(steps, columns)))
-    origin = origin if len(steps.ids) == len(ids) else origin.only(steps.ids)
+    found = replace(found if len(steps.ids) == len(ids) else _of(found, steps.ids), tables=())
     n_asked = f"{asked.sum():,} of {len(ids):,} demonstrations are read, as asked."
     left_out_notes = (*([] if asked.all() else [n_asked]), *left_out_lines((), aside))
     clock = find_clock(steps.read(clock_columns(columns)), columns, steps.offsets)
-    description = _describe(steps, columns, seen, origin, clock)
+    description = _describe(steps, columns, seen, found, clock)
     description = replace(description, notes=(*description.notes, *left_out_notes))
-    return Recording(description, steps, columns, seen, origin, clock, ids, options, set_aside=tuple(aside))
+    return Recording(description, steps, columns, seen, found, clock, ids, options, set_aside=tuple(aside))
+
+
+_RANGE = re.compile(r"(\d{1,18})\s*-\s*(\d{1,18})")
 
 
 def _asked(ids: Sequence[Id], options: ColumnOptions, source: str) -> Array:
-    """Whether each demonstration is among those that the options choose, (M,)."""
-    only, without = _listed(options.only), _listed(options.without)
+    """Whether each demonstration is among those that the options choose, (M,); a `DataError` naming unknown ones."""
+    places = {str(m): k for k, m in enumerate(ids)}
+
+    def numbers(wanted: Ids, option: str) -> list[int]:
+        """The numbers of those that a user names, by ids of Python or of NumPy; an empty text names none."""
+        found, several = (
+            list[int](),
+            [wanted] if isinstance(wanted, str) or not isinstance(wanted, Iterable) else wanted,
+        )
+        for given in filter(None, map(str, () if wanted is None else several)):
+            for name in [given] if given in places else map(str.strip, given.split(",")):
+                ends = _RANGE.fullmatch(name)
+                named = [name] if ends is None or name in places else sorted(ends.groups(), key=int)
+                check_ids(named, places, source, "<option>", option)
+                low, high = named[0], named[-1]
+                between = (k for m, k in places.items() if m.isdecimal() and int(low) <= int(m) <= int(high))
+                found += [places[low]] if low == high else between
+        return found
+
+    only = numbers(options.only, "only")
     mask = np.full(len(ids), not only)
-    mask[[*_numbers(only, ids, source, "only")]] = True
-    mask[[*_numbers(without, ids, source, "without")]] = False
+    mask[only] = True
+    mask[numbers(options.without, "without")] = False
     if not mask.any():
         raise DataError(f"{source}: <option> and <option> leave no demonstration; correct them.", ("only", "without"))
     return mask
@@ -240,8 +266,14 @@ def from_demonstrations(demonstrations: Demonstrations, format_name: str) -> Ste
         observation: pa.FixedSizeListArray.from_arrays(pa.array(d.observations.reshape(-1)), len(names)),
         "action": actions if d.is_discrete else pa.FixedSizeListArray.from_arrays(actions, d.actions.shape[1]),
     }
-    origin = Origin(d.source, format_name, Metadata(names={observation: names}))
-    return StepTables([pa.table(table)], columns, origin, {d.source: d.n_steps})
+    sizes, metadata = {d.source: d.n_steps}, Metadata(names={observation: names})
+    return StepTables([pa.table(table)], columns, d.source, format_name, sizes, metadata)
+
+
+def _of(found: StepTables, ids: Sequence[Id]) -> StepTables:
+    """The same of the demonstrations `ids` alone; declared totals are of all, and so of no use."""
+    lengths = {m: found.metadata.lengths[m] for m in ids if m in found.metadata.lengths}
+    return replace(found, metadata=replace(found.metadata, sizes={}, lengths=lengths))
 
 
 def _outcomes(steps: Steps, columns: Columns) -> Iterator[str]:
@@ -257,13 +289,22 @@ def _outcomes(steps: Steps, columns: Columns) -> Iterator[str]:
                 yield name
 
 
-def _describe(steps: Steps, columns: Columns, found: Scan, origin: Origin, clock: Clock | None) -> Description:
+def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, clock: Clock | None) -> Description:
     metadata, layout, n_steps = origin.metadata, found.layout, len(steps)
     seconds, recorded = clock.seconds(steps.offsets) if clock else (None, None)
     operators, tasks = (pairs_of(steps, name) for name in (columns.operator, columns.task))
     # Columns of time are read for other things too than the order of the steps.
     others = (name for name in (*columns.orders, *columns.index) if name != columns.order)
     times, videos = dict.fromkeys(others, TIME_OF_STEP), dict.fromkeys(metadata.videos, "video")
+    notes, fps = list[str](), metadata.fps
+    if 1 < len(steps.ids) == n_steps:
+        notes.append(f"Each demonstration has one step: is {columns.episode} the right column of the demonstration?")
+    if fps and recorded and abs(recorded - fps) > 0.01 * fps:
+        notes.append(f"{fps:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}.")
+    ranges, constant, missing = found.summary(steps)
+    if constant:
+        named = (f"observation {name}" if name.isdecimal() else name for name in constant)
+        notes.append(f"Constant in each demonstration: {commas(named)}; exclude what nobody could see.")
     return Description(
         source=origin.source,
         format=origin.format_name,
@@ -283,49 +324,13 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: Origin, clock
         task_column=columns.task,
         tasks=different(tasks, metadata.tasks),
         ignored={**columns.ignored, **times, **videos, **layout.left_out, **origin.ignored},
-        missing=found.missing_values(),
-        ranges=found.ranges(),
+        missing=missing,
+        ranges=ranges,
         outcomes={name: f"--outcome {shlex.quote(name)}" for name in columns.may_be_outcomes},
         notes=(
-            *_notes_on(steps, columns.episode, found, metadata.fps, recorded),
+            *notes,
             *origin.notes,
             *(left_out_lines(origin.skipped) if origin.skipped else ()),
             *metadata.notes(len(steps.ids), n_steps),
         ),
     )
-
-
-def _notes_on(steps: Steps, ids: str, found: Scan, declared: float | None, recorded: float | None) -> Iterator[str]:
-    """Sentences on `ids` of single steps, on frames a second, and on constant observations."""
-    if 1 < len(steps.ids) == len(steps):
-        yield f"Each demonstration has one step: is {ids} the right column of the demonstration?"
-    if declared and recorded and abs(recorded - declared) > 0.01 * declared:
-        yield f"{declared:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}."
-    if constant := found.constant(steps):
-        named = (f"observation {name}" if name.isdecimal() else name for name in constant)
-        yield f"Constant in each demonstration: {commas(named)}; exclude what nobody could see."
-
-
-_RANGE = re.compile(r"(\d{1,18})\s*-\s*(\d{1,18})")
-
-
-def _listed(wanted: Ids) -> list[Id]:
-    """The ids that a user names, of Python or of NumPy; an empty text names none."""
-    if isinstance(wanted, str) or not isinstance(wanted, Iterable):
-        return [] if wanted is None or wanted == "" else [wanted]
-    return [*wanted]
-
-
-def _numbers(wanted: Sequence[Id], ids: Sequence[Id], source: str, option: str) -> Iterator[int]:
-    """The numbers of the demonstrations that a user names; a `DataError` naming those that are not there."""
-    places = {str(m): k for k, m in enumerate(ids)}
-    for given in map(str, wanted):
-        for name in [given] if given in places else map(str.strip, given.split(",")):
-            ends = _RANGE.fullmatch(name)
-            named = [name] if ends is None or name in places else sorted(ends.groups(), key=int)
-            check_ids(named, places, source, "<option>", option)
-            low, high = named[0], named[-1]
-            if low == high:
-                yield places[low]
-            else:
-                yield from (k for m, k in places.items() if m.isdecimal() and int(low) <= int(m) <= int(high))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -25,7 +26,7 @@ from rpil.data.held import holding
 from rpil.data.memory import TooLargeError, check_memory
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, StepTables, called, from_arrow, kept_of
+from rpil.formats.format import Format, StepTables, called, from_arrow, kept_of, write_list
 from rpil.formats.recording import Recording, from_tables
 
 _HUB_NAME = re.compile(r"(hf://datasets/)?([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)")
@@ -73,7 +74,6 @@ FORMATS: Iterable[Format] = Formats(
     "parquet",
     "csv",
     "lerobot.folder",
-    "zarr",
     "array_files",
     "json_lines",
     "table_folder",
@@ -91,7 +91,15 @@ def find_format(path: StrPath) -> Format | None:
     if not place.exists():
         return table_folder.FORMAT if "://" in str(path) or has_magic(str(path)) else None
     check_folder(check_exists(place))
-    return next((one for one in FORMATS if _claims(one, place)), None)
+    for one in FORMATS:
+        try:
+            if one.claims(place):
+                return one
+        except (DataError, MissingExtraError):
+            raise
+        except Exception:  # damaged files make libraries raise errors of very many types
+            continue
+    return None
 
 
 @dataclass(frozen=True)
@@ -108,6 +116,10 @@ class ClaimedPath:
         if on_disk is None:
             with suppress(TooLargeError):
                 return self.read(options, on_disk=False)
+            folder = tempfile.gettempdir()
+            logging.getLogger("rpil").warning(
+                "%s: larger than the memory it may take, so copied to %s.", self.path, folder
+            )
             return self.read(options, on_disk=True)
         with holding(), guarded(str(self.path)):
             place, options = Path(self.path), replace(options, on_disk=on_disk)
@@ -131,7 +143,7 @@ class ClaimedPath:
             if not ids:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
             if self.is_list(new):
-                self.format.keep_list(path, new, kept_of(there or self.read(options).ids, ids, path))
+                write_list(new, kept_of(there or self.read(options).ids, ids, path))
             else:
                 assert self.format.keep is not None, "check_output refuses what is not written"
                 self.format.keep(path, new, ids, options)
@@ -177,23 +189,19 @@ class ClaimedPath:
             raise DataError(f"{new}: it is the data themselves, or in them; give another path.")
         if new.is_dir():
             raise DataError(f"{new}: it is there already; give the path of a new folder.")
+        if self.is_list(new):
+            return check_writable(new)
         with guarded(str(path)):
-            if not self.is_list(new):
-                self._check_written(path, new, options)
+            if layout := self.unkept(options):
+                ways = "write the list with -o ids.json, or a table with rpil convert"
+                raise DataError(f"{self.path}: keep writes no {layout}; {ways}.")
+            if path.is_dir() and new.name.lower().endswith(tuple(suffixes())):
+                raise DataError(f"{new}: the data are a folder, so name a folder, or write a table with rpil convert.")
+            extension = path.suffix.lower() or "".join(self.format.suffixes[:1])
+            if path.is_file() and new.suffix.lower() != extension:
+                raise DataError(f"{new}: give it the extension {extension}, or write another format with rpil convert.")
+            self.format.check_output(path, new)
         return check_writable(new)
-
-    def _check_written(self, path: Path, new: Path, options: ColumnOptions) -> None:
-        """A `DataError` where `keep` writes no new file of what is at the path, or none of such a name."""
-        if layout := self.unkept(options):
-            ways = "write the list with -o ids.json, or a table with rpil convert"
-            raise DataError(f"{self.path}: keep writes no {layout}; {ways}.")
-        if path.is_dir() and new.name.lower().endswith(tuple(suffixes())):
-            raise DataError(f"{new}: the data are a folder, so name a folder, or write a table with rpil convert.")
-        if path.is_file() and new.suffix.lower() != (
-            extension := path.suffix.lower() or "".join(self.format.suffixes[:1])
-        ):
-            raise DataError(f"{new}: give it the extension {extension}, or write another format with rpil convert.")
-        self.format.check_output(path, new)
 
     def commands_to_keep(self, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
         """Lines with what to give the tool that wrote the data, so that it takes those `kept` among `ids` only.
@@ -228,16 +236,6 @@ def suffixes() -> list[str]:
         *dict.fromkeys(one.suffixes[0] for one in order if one.suffixes),
         *(s for one in order for s in one.suffixes[1:]),
     ]
-
-
-def _claims(one: Format, path: Path) -> bool:
-    """Whether `path` has the format `one`: not so where it is too damaged to tell."""
-    try:
-        return one.claims(path)
-    except (DataError, MissingExtraError):
-        raise
-    except Exception:  # damaged files make libraries raise errors of very many types
-        return False
 
 
 def downloaded(path: StrPath) -> StrPath:

@@ -1,23 +1,25 @@
-"""One pass over the steps of a recording: the kind of the actions, ranges, missing values, idle columns."""
+"""One pass over the steps of a recording, its description, and words for what of it is damaged."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from itertools import pairwise
+from itertools import groupby, pairwise
 from math import inf
+from typing import TypeVar
 
 import numpy as np
 import pyarrow as pa
 
 from rpil.data.arrays import MAX_CLASSES, action_kind, are_whole, as_actions
 from rpil.data.demonstrations import BLOCK_STEPS, shard_bounds
-from rpil.data.errors import DataError
+from rpil.data.errors import DamagedError, DataError
+from rpil.data.text import counted, listed
 from rpil.formats import table as flat
 from rpil.formats.columns import TIME_OF_STEP, Columns
 from rpil.formats.dataset import Layout, value_type
-from rpil.formats.description import commas
 from rpil.formats.steps import Steps
 from rpil.formats.table import Place
 from rpil.numerics.types import Array
@@ -30,37 +32,19 @@ _ROUNDING = 1e-3  # of the steps of a time, as texts round them
 class Scan:
     """What the steps hold. Ranges are computed from values: pyarrow crashes on damaged Parquet statistics.
 
-    Attributes
-    ----------
-    layout : Layout
-        Afterwards with the type of the actions, and without the columns that are `left_out`.
-    kind, reason : str
-        "discrete", "continuous" or, where actions cannot be what is wanted, "refused", and why.
-    classes : array
-        The different actions in order, if they are discrete.
-    fault : DataError, optional
-        Of the first step whose action cannot be one.
-    left_out : dict of str to str
-        Columns that were to be observations, and why their values are none: the last action, or a time.
-    repeats, clocks : set of str, dict of str to float
-        Columns of observations that may be left out: that repeat the action of the step before, and that grow by a
-        constant in every step, which is infinite before the first.
-    missing, low, high, within : (K,) arrays
-        Of each number of an action and an observation: how often it is missing, its smallest and largest value, and
-        whether it is the same within every demonstration.
-    faulty : set of int
-        Numbers of the demonstrations in which a value is missing or infinite.
+    `missing`, `low`, `high` and `within`, (K,), say of each number of an action and an observation how often it is
+    missing, its smallest and largest value, and whether it is the same within every demonstration.
     """
 
-    layout: Layout
-    kind: str = ""
+    layout: Layout  # afterwards with the type of the actions, and without the columns that are `left_out`
+    kind: str = ""  # "discrete", "continuous" or, where actions cannot be what is wanted, "refused"
     reason: str = ""
-    classes: Array = field(default_factory=lambda: np.empty(0))
-    fault: DataError | None = None
-    left_out: dict[str, str] = field(default_factory=dict)
-    repeats: set[str] = field(default_factory=set)
-    clocks: dict[str, float] = field(default_factory=dict)
-    faulty: set[int] = field(default_factory=set)
+    classes: Array = field(default_factory=lambda: np.empty(0))  # the different actions in order, if they are discrete
+    fault: DataError | None = None  # of the first step whose action cannot be one
+    left_out: dict[str, str] = field(default_factory=dict)  # columns that are no observations, and why by their values
+    repeats: set[str] = field(default_factory=set)  # columns that repeat the action of the step before
+    clocks: dict[str, float] = field(default_factory=dict)  # that grow by a constant, infinite before the first step
+    faulty: set[int] = field(default_factory=set)  # demonstrations in which a value is missing or infinite
     _is_whole: bool = True
     _n_changes: int = 0
 
@@ -80,8 +64,14 @@ class Scan:
         self.high = np.fmax(self.high, np.fmax.reduce(values, axis=1))
         self.within &= ((values[:, 1:] == values[:, :-1]) | ~same).all(axis=1)
         self.faulty.update(owners[~np.isfinite(values).all(axis=0)].tolist())
-        for name in [*self.clocks] if same.any() else ():
-            self._follow_clock(name, *(own[same] for own in (read[name][1:], read[name][:-1])))
+        for name in [*self.clocks] if same.any() else ():  # but for the rounding of its numbers
+            now, then = (own[same] for own in (read[name][1:], read[name][:-1]))
+            with np.errstate(invalid="ignore"):
+                grown, rounding = np.subtract(now, then, dtype=float), 2 * np.spacing(np.abs(now).max())
+                step = self.clocks[name] = min(self.clocks[name], float(grown[0, 0]))
+                near = _ROUNDING * step + float(rounding)
+                if not 4 * near < step < inf or not (np.abs(grown - step) <= near).all():
+                    del self.clocks[name]
         actions = np.concatenate([read[one.name] for one in self.layout.actions], axis=1)
         before = actions[:-1][same]
         same_values = ((name, read[name][1:][same]) for name in self.repeats)
@@ -90,15 +80,6 @@ class Scan:
         self._n_changes += int((before != actions[1:][same]).any(axis=1).sum())
         if not self.layout.n_parts:
             self._add_action(table, at)
-
-    def _follow_clock(self, name: str, values: Array, before: Array) -> None:
-        """Strike out a clock that does not grow by its constant, but for the rounding of its numbers."""
-        with np.errstate(invalid="ignore"):
-            grown, rounding = np.subtract(values, before, dtype=float), 2 * np.spacing(np.abs(values).max())
-            step = self.clocks[name] = min(self.clocks[name], float(grown[0, 0]))
-            near = _ROUNDING * step + float(rounding)
-            if not 4 * near < step < inf or not (np.abs(grown - step) <= near).all():
-                del self.clocks[name]
 
     def _add_action(self, table: pa.Table, at: Place) -> None:
         """Add the actions of one column, but for those that are missing."""
@@ -131,15 +112,26 @@ class Scan:
         self.low[np.array(kinds) == "U"] = np.nan  # texts have no range
         left = [one for one in self.layout.observations if one.name not in self.left_out]
         self.layout = layout = replace(self.layout, observations=tuple(left))
-        if layout.n_parts:
-            self._refuse_parts(steps.source, kinds)
+        if layout.n_parts:  # of which all are to be numbers
+            texts = [part for part, kind in zip(layout.action_names, kinds, strict=False) if kind == "U"]
+            self.kind, parts = "continuous", f"{layout.n_parts} numbers"
+            self.reason = parts if layout.n_parts > 1 else "a column of a continuous action"
+            if layout.n_parts > 1 and (texts or layout.action_kind == "discrete"):
+                own = (texts, "text"), ([part for part in layout.action_names if part not in texts], "numbers")
+                said = ", ".join(f"{commas(names)} ({what})" for names, what in own if names)
+                self.kind, self.reason = "refused", f"the action has several parts: {said}"
+                self.fault = DataError(
+                    f"{steps.source}: {self.reason}; name the part to judge with <option>.", "action"
+                )
             return
         is_text, wanted = layout.action.kind == "U", layout.action_kind
         try:
-            self.kind, self.reason = action_kind(len(self.classes), len(steps), is_text, self._is_whole, wanted, "")
+            self.kind, self.reason = action_kind(
+                len(self.classes), len(steps), is_text, self._is_whole, wanted, steps.source
+            )
         except DataError as error:
-            self.kind, self.reason = "refused", str(error).removeprefix(": ").rstrip(".")
-            self.fault = self.fault or DataError(f"{steps.source}{error}")
+            self.kind, self.reason = "refused", error.in_shell.removeprefix(f"{steps.source}: ").rstrip(".")
+            self.fault = self.fault or error
         if self.kind == "discrete":
             self.layout = replace(layout, action=self.classes.dtype)
         elif self.kind == "continuous":
@@ -147,40 +139,19 @@ class Scan:
             action = np.dtype(np.float32 if layout.action == np.float32 else np.float64)
             self.layout = replace(layout, action=action, n_parts=1)
 
-    def _refuse_parts(self, source: str, kinds: Sequence[str]) -> None:
-        """Refuse actions of several numbers or texts where not all are numbers, or they are to be discrete."""
-        layout = self.layout
-        texts = [part for part, kind in zip(layout.action_names, kinds, strict=False) if kind == "U"]
-        if layout.n_parts == 1 or not (texts or layout.action_kind == "discrete"):
-            parts = f"{layout.n_parts} numbers"
-            self.kind, self.reason = "continuous", parts if layout.n_parts > 1 else "a column of a continuous action"
-            return
-        own = (texts, "text"), ([part for part in layout.action_names if part not in texts], "numbers")
-        said = ", ".join(f"{commas(names)} ({what})" for names, what in own if names)
-        self.kind, self.reason = "refused", f"the action has several parts: {said}"
-        self.fault = DataError(f"{source}: {self.reason}; name the part to judge with <option>.", "action")
-
-    def _there(self) -> list[str]:
-        """The names of all numbers; empty those that are not there, or in columns that are left out."""
-        names = [part if one.name not in self.left_out else "" for one in self._read for part in one.parts]
-        return [name if low == low else "" for name, low in zip(names, self.low.tolist(), strict=True)]
-
-    def ranges(self) -> dict[str, tuple[float, float]]:
-        """Smallest and largest of the numbers that are there."""
-        each = zip(self._there(), self.low.tolist(), self.high.tolist(), strict=True)
-        return {name: (low, high) for name, low, high in each if name}
-
-    def constant(self, steps: Steps) -> list[str]:
-        """Names of the numbers of observations that differ between demonstrations, and never within one."""
-        flags = (self.within & (self.low < self.high)).tolist() if len(steps.ids) < len(steps) else []
-        named = {name for name, is_constant in zip(self._there(), flags, strict=False) if is_constant}
-        return [name for name in self.layout.observation_names if name in named]
-
-    def missing_values(self) -> dict[str, int]:
-        """How many values are missing, by the column, without those that are left out."""
-        ends = np.cumsum([len(one.parts) for one in self._read])[:-1]
-        found = {one.name: int(n.sum()) for one, n in zip(self._read, np.split(self.missing, ends), strict=True)}
-        return {name: n for name, n in found.items() if n and name not in self.left_out}
+    def summary(self, steps: Steps) -> tuple[dict[str, tuple[float, float]], list[str], dict[str, int]]:
+        """Smallest and largest of the numbers that are there; the observations that differ between demonstrations, and
+        never within one; and how many values are missing by the column; without the columns that are left out."""
+        ranges, constant, missing = dict[str, tuple[float, float]](), set[str](), Counter[str]()
+        names = [(one.name, part) for one in self._read for part in one.parts]
+        stacked = np.stack([self.low, self.high, self.within, self.missing], axis=1).tolist()
+        for (column, part), (low, high, within, n) in zip(names, stacked, strict=True):
+            if column not in self.left_out:
+                missing[column] += int(n)
+                ranges |= {part: (low, high)} if low == low else {}
+                constant |= {part} if within and low < high and len(steps.ids) < len(steps) else set()
+        observed = [name for name in self.layout.observation_names if name in constant]
+        return ranges, observed, {column: n for column, n in missing.items() if n}
 
 
 def scan(steps: Steps, layout: Layout, columns: Columns) -> Scan:
@@ -198,3 +169,154 @@ def scan(steps: Steps, layout: Layout, columns: Columns) -> Scan:
         found.add(steps.read(layout.columns, rows), owners, partial(steps.place_of, rows.start))
     found.finish(steps)
     return found
+
+
+SHORT_NAMES = 6  # in one line
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a recording holds: demonstrations, steps, and the part that each column plays.
+
+    Attributes
+    ----------
+    format : str
+        Format and version of the file, as "LeRobot v3.0" or "CSV, separated by ;".
+    seconds, fps : float, optional
+        Duration of all demonstrations, and steps a second.
+    action_kind, action_reason : str
+        "discrete" or "continuous", and why.
+    order_column, order : str
+        The column that orders the steps of a demonstration, if any, and what was done about the order, in words.
+    operators, tasks : tuple of str
+        Their names, the first ones.
+    ignored : mapping of str to str
+        Columns that are not read, and why.
+    missing : mapping of str to int
+        Values that are missing, by column.
+    ranges : mapping of str to pair of float
+        Smallest and largest value of each observation and continuous action.
+    outcomes : mapping of str to str
+        Columns that may say how each demonstration ended, and the option that has an audit use one.
+    notes : tuple of str
+        What else a user should know, in sentences.
+    """
+
+    source: str
+    format: str
+    demonstrations: int
+    steps: int
+    observations: tuple[str, ...]
+    actions: tuple[str, ...]
+    action_kind: str
+    action_reason: str
+    id_column: str
+    order_column: str | None = None
+    order: str = "steps in the order of the file"
+    seconds: float | None = None
+    fps: float | None = None
+    operator_column: str | None = None
+    operators: tuple[str, ...] = ()
+    task_column: str | None = None
+    tasks: tuple[str, ...] = ()
+    ignored: Mapping[str, str] = field(default_factory=dict)
+    missing: Mapping[str, int] = field(default_factory=dict)
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    outcomes: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, object]:
+        """All of it, for JSON."""
+        return asdict(self)
+
+    def short(self) -> list[str]:
+        """A few lines for the head of an audit."""
+        observations = f"Observations: {len(self.observations):,}: {commas(self.observations)}."
+        lines = [self._size(), self._actions(), observations, f"Demonstrations by {self.id_column}; {self.order}."]
+        missing = [f"Missing values: {commas(f'{n:,} in {name}' for name, n in self.missing.items())}."]
+        ignored = [f"Ignored: {commas(f'{name} ({reason})' for name, reason in self.ignored.items())}."]
+        return [*lines, *(missing if self.missing else []), *(ignored if self.ignored else []), *self.notes]
+
+    def lines(self) -> list[str]:
+        """Everything, for ``rpil info``; a column a line."""
+        lines = [self._size(), f"Demonstrations by {self.id_column}; {self.order}.", self._actions()]
+        given = ("Task", self.task_column, self.tasks), ("Operator", self.operator_column, self.operators)
+        for what, column, names in given:
+            if column:  # a task is often a sentence, with its full stop
+                lines.append(f"{what}, in {column}: {commas([name.removesuffix('.') for name in names])}.")
+        lines += [*self.notes, "", f"Observations: {len(self.observations):,}"]
+        lines += [f"  {name}{self._range(name)}" for name in self.observations]
+        if self.action_kind != "discrete":
+            lines += ["Actions:", *(f"  {name}{self._range(name)}" for name in self.actions)]
+        others = self.ranges.keys() - {*self.observations, *self.actions}
+        if others:
+            lines += ["Ranges of whole columns:", *(f"  {name}{self._range(name)}" for name in sorted(others))]
+        outcomes = {name: f"for rpil audit: {option}" for name, option in self.outcomes.items()}
+        named = (("Ignored", self.ignored), ("Missing values", self.missing), ("May be an outcome", outcomes))
+        for title, values in named:
+            if values:
+                lines += [f"{title}:", *(f"  {name or 'no name'}: {value}" for name, value in values.items())]
+        return lines
+
+    def _size(self) -> str:
+        numbers = f"{counted(self.demonstrations, 'demonstration')}, {counted(self.steps, 'step')}"
+        size = f"{self.source}: {self.format}; {numbers}"
+        if self.seconds is not None:
+            size += f", {self.seconds:,.1f} s"
+        return f"{size} at {self.fps:.4g} a second." if self.fps else f"{size}."
+
+    def _actions(self) -> str:
+        return f"Action: {commas(self.actions)}; {self.action_kind}: {self.action_reason}."
+
+    def _range(self, name: str) -> str:
+        return f": {self.ranges[name][0]:.6g} to {self.ranges[name][1]:.6g}" if name in self.ranges else ""
+
+
+def commas(names: Iterable[object], most: int = SHORT_NAMES) -> str:
+    """Up to `most` of the names in one line, with commas between them, and how many more there are."""
+    return listed(names, most, last=", ")
+
+
+Found = TypeVar("Found")
+
+_MOST_NAMED = 30  # in one line
+
+
+def without_damaged(
+    names: Iterable[str], read: Callable[[str], Found], skips: object = True
+) -> tuple[dict[str, Found], list[str]]:
+    """What `read` makes of each file, and the names of the damaged ones; an error where `skips` is false for them, or
+    no file is left."""
+    found: dict[str, Found] = {}
+    damaged: dict[str, DataError] = {}
+    for name in names:
+        try:
+            found[name] = read(name)
+        except DamagedError as error:
+            damaged[name] = error
+            if not skips:
+                raise
+    if damaged and not found:
+        raise next(iter(damaged.values()))
+    return found, [*damaged]
+
+
+def damaged_lines(name: str, damaged: Sequence[str]) -> DataError:
+    """The error on the first of the `damaged` lines of a file, each of which is a place and what is wrong there."""
+    more = f", the first of {len(damaged):,} damaged lines" if len(damaged) > 1 else ""
+    return DataError(f"{name}, {damaged[0]}{more}; write it again, or skip such lines with <option>.", "skip_bad")
+
+
+def parts_in_words(numbers: Iterable[int], what: str, names: Sequence[str]) -> str:
+    """Numbers of lines or episodes of files, as "lines 2-7 and 9 of a.csv"; the files alone where there are none."""
+    runs = [[m for _, m in run] for _, run in groupby(enumerate(sorted(numbers)), lambda one: one[1] - one[0])]
+    words = commas([f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs], _MOST_NAMED)
+    what = f"{what}s" if sum(map(len, runs)) > 1 else what
+    return " of ".join([*([f"{what} {words}"] if runs else []), *([commas(names, _MOST_NAMED)] if names else [])])
+
+
+def left_out_lines(skipped: Sequence[str], ids: Sequence[object] = ()) -> tuple[str, ...]:
+    """Lines that name damaged parts, and demonstrations that were set aside; none where there are none."""
+    damaged = [f"Skipped, because damaged: {', '.join(skipped)}."] if skipped else []
+    named = commas(list(map(str, ids)), _MOST_NAMED)
+    return (*damaged, *([f"Set aside: {named}, because a value is missing or infinite."] if ids else []))

@@ -18,9 +18,9 @@ from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.description import commas
 from rpil.formats.format import StepTables
-from rpil.formats.metadata import Metadata, Origin
+from rpil.formats.metadata import Metadata
+from rpil.formats.scan import commas
 from rpil.formats.table import BATCH_ROWS, Kind
 from rpil.numerics.types import Array
 
@@ -125,18 +125,18 @@ def from_parts(
     tables = (
         pa.table(
             {m: _column([part.arrays[m][rows] for part, rows in pieces], types[m]) for m in steps}
-            | {m: pa.array([part.about[m] for part, _ in pieces]).take(_owners(pieces)) for m in whole}
+            | {
+                m: pa.array([part.about[m] for part, rows in pieces for _ in range(rows.stop - rows.start)])
+                for m in whole
+            }
         )
         for pieces in _batches(parts)
     )
     if longer := [name for name in steps if any(part.arrays[name].shape[0] > part.n_steps for part in parts)]:
         notes = (*notes, f"The last value of {commas(longer)}, which comes after the last action, is left out.")
-    return StepTables(tables, columns, Origin(source, format_name, metadata, (*notes, *without_steps(empty))))
-
-
-def without_steps(ids: Sequence[object]) -> tuple[str, ...]:
-    """The note that the demonstrations called `ids` are left out; none where there are none."""
-    return (f"Left out, because they have no steps: {commas(map(str, ids))}.",) if ids else ()
+    if empty:
+        notes = (*notes, f"Left out, because they have no steps: {commas(empty)}.")
+    return StepTables(tables, columns, source, format_name, metadata=metadata, notes=notes)
 
 
 def _kinds(part: Part) -> dict[str, Kind]:
@@ -185,11 +185,6 @@ def _batches(parts: Sequence[Part]) -> Iterator[Pieces]:
                 pieces, n_rows = [], 0
     if pieces:
         yield pieces
-
-
-def _owners(pieces: Pieces) -> Array:
-    """The number of the piece of each step."""
-    return np.repeat(np.arange(len(pieces)), [rows.stop - rows.start for _, rows in pieces])
 
 
 def _column(pieces: Sequence[object], dtype: np.dtype[np.generic] | None) -> pa.Array:

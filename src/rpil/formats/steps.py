@@ -6,16 +6,16 @@ passes. The file is removed when its rows are no longer needed, or when the proc
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import tempfile
 import weakref
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import compress
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -26,32 +26,46 @@ from rpil.data.guard import guarded
 from rpil.formats.table import BATCH_ROWS, Place, plain_type
 from rpil.numerics.types import Array, Int
 
+_BATCHES_AT_ONCE = 16
+"""Batches that are put in another order together, each of which may be all over the file."""
+
 
 class ArrowFile:
-    """A temporary file of Arrow with batches of `n_batch` rows; it is removed with the object that wrote it."""
+    """A temporary file of Arrow with batches of `n_batch` rows; it goes with the object that wrote it.
 
-    def __init__(self, path: Path, schema: pa.Schema, n_rows: int, n_batch: int) -> None:
-        self.path, self.schema, self._n_rows, self.n_batch = path, schema, n_rows, n_batch
+    Where the system can, it has no name until another process needs one, so that no way to end leaves it behind; then
+    its `handle` is open.
+    """
+
+    def __init__(self, path: str, schema: pa.Schema, n_rows: int, n_batch: int, handle: int = -1) -> None:
+        self.path, self.schema, self._n_rows, self.n_batch, self._handle = path, schema, n_rows, n_batch, handle
 
     def __len__(self) -> int:
         return self._n_rows
 
     def __reduce__(self) -> tuple[type[ArrowFile], tuple[object, ...]]:
-        """Another process reads the file and never removes it."""
+        """Another process reads the file, maybe on another machine, and never removes it."""
+        if (handle := self._handle) >= 0:
+            name = os.path.join(tempfile.gettempdir(), f"rpil-{os.getpid()}-{handle}.arrow")
+            with suppress(FileExistsError):  # where two threads send it
+                os.link(self.path, name, src_dir_fd=handle)  # with which links are followed
+            weakref.finalize(self, _remove, name, os.getpid())
+            self.path, self._handle = name, -1
         return ArrowFile, (self.path, self.schema, self._n_rows, self.n_batch)
 
     def batch(self, number: int, columns: Sequence[str]) -> pa.Table:
         """Some columns of a batch; its pages are mapped into memory for as long as the table is there."""
         fields = sorted(self.schema.get_field_index(name) for name in columns)
-        with guarded(self.path), pa.memory_map(str(self.path)) as mapped:
+        with guarded(self.path), pa.memory_map(self.path) as mapped:
             reader = pa.ipc.open_file(mapped, options=pa.ipc.IpcReadOptions(included_fields=fields))
             return pa.Table.from_batches([reader.get_batch(number)]).select(columns)
 
     @classmethod
-    def of(cls, tables: Iterable[pa.Table], source: str) -> ArrowFile:
+    def of(cls, tables: Iterable[pa.Table], source: str, n_rows: int = 0) -> ArrowFile:
         """The file of `tables` one below the other, which is called `source` in messages.
 
-        A `DataError` where it cannot be written, where there are no tables, or where they have columns of other types.
+        A `DataError` where it cannot be written, as where there is no room for `n_rows`, where there are no tables, or
+        where they have columns of other types.
         """
         waiting = iter(tables)
         first = next(waiting, None)
@@ -59,12 +73,11 @@ class ArrowFile:
         assert first is not None
         schema = pa.schema([one.with_type(plain_type(one.type)) for one in first.schema])
         with _writing(source):
-            folder = tempfile.mkdtemp(prefix="rpil-")
-            path = Path(folder, "rows.arrow")
-            sink = pa.OSFile(str(path), "wb")
+            path, handle = _new_file(first.nbytes / max(len(first), 1) * n_rows)
+            new = cls(path, schema, 0, BATCH_ROWS, handle)
+            weakref.finalize(new, *((_remove, path, os.getpid()) if handle < 0 else (os.close, handle)))
+            sink = pa.OSFile(path, "wb")
             writer = pa.ipc.new_file(sink, schema)
-        new = cls(path, schema, 0, BATCH_ROWS)
-        weakref.finalize(new, _remove, folder, os.getpid())
         for batch in _batches(first, waiting, schema, source):  # whose errors are those of the data
             new._n_rows += len(batch)
             with _writing(source):
@@ -75,9 +88,27 @@ class ArrowFile:
         return new
 
 
-def _remove(folder: str, process: int) -> None:
+def _new_file(n_bytes: float) -> tuple[str, int]:
+    """The path of a new temporary file, which is to have `n_bytes`, and its handle if it has no name, else -1."""
+    folder = os.environ.get("TMPDIR") or tempfile.gettempdir()
+    if not os.access(folder, os.W_OK | os.X_OK):  # Python takes another one then, which may be too small
+        raise OSError(errno.ENOENT, f"TMPDIR is {folder}, where no file can be written")
+    if n_bytes > (free := shutil.disk_usage(tempfile.gettempdir()).free):
+        raise OSError(errno.ENOSPC, f"it needs {n_bytes / 1e9:,.2f} GB, and {free / 1e9:,.2f} GB are free")
+    try:
+        handle = os.open(tempfile.gettempdir(), os.O_TMPFILE | os.O_RDWR, 0o600)
+        os.stat(path := f"/proc/{os.getpid()}/fd/{handle}")
+    except (AttributeError, OSError):
+        written, path = tempfile.mkstemp(".arrow", "rpil-")
+        os.close(written)
+        return path, -1
+    return path, handle
+
+
+def _remove(path: str, process: int) -> None:
     if os.getpid() == process:  # and not a process that was forked from it
-        shutil.rmtree(folder, ignore_errors=True)
+        with suppress(OSError):
+            os.unlink(path)
 
 
 def _batches(first: pa.Table, others: Iterator[pa.Table], schema: pa.Schema, source: str) -> Iterator[pa.RecordBatch]:
@@ -109,26 +140,14 @@ def _writing(name: str) -> Iterator[None]:
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """The steps of M demonstrations end to end, in order, a row of the `table` each.
-
-    Attributes
-    ----------
-    source : str
-        The name of the data in messages.
-    sizes : mapping of str to int
-        The numbers of rows from each file; none for formats in which files say nothing of demonstrations.
-    place : (N,) array, optional
-        The number that each row has in the files; None where all stay where they are, and none is left out.
-    ids, offsets : tuple, (M + 1,) array
-        Of the demonstrations; there are none before these are known.
-    """
+    """The steps of M demonstrations end to end, in order, a row of the `table` each."""
 
     table: pa.Table | ArrowFile
-    source: str
-    sizes: Mapping[str, int] = field(default_factory=dict)
-    place: Array | None = None
-    ids: tuple[Id, ...] = ()
-    offsets: Int[Array, " _"] = field(default_factory=lambda: np.zeros(1, np.int64))
+    source: str  # the name of the data in messages
+    sizes: Mapping[str, int] = field(default_factory=dict)  # rows of each file, where files tell of demonstrations
+    place: Array | None = None  # (N,), of each row in the files; None where all are there and stay where they are
+    ids: tuple[Id, ...] = ()  # none before the demonstrations are known
+    offsets: Int[Array, " _"] = field(default_factory=lambda: np.zeros(1, np.int64))  # (M + 1,)
 
     def __len__(self) -> int:
         return len(self.table)
@@ -137,14 +156,17 @@ class Steps:
         """Some of the rows, in this order."""
         if isinstance(self.table, pa.Table):
             return replace(self, table=self.table.take(rows), place=self.numbers(rows))
-        table, parts = self.table, np.split(rows, range(BATCH_ROWS, len(rows), BATCH_ROWS))
+        table, n_rows = self.table, _BATCHES_AT_ONCE * self.table.n_batch
 
         def some(part: Array) -> pa.Table:
-            numbers, own = np.unique(part // table.n_batch, return_inverse=True)
-            batches = pa.concat_tables([table.batch(k, table.schema.names) for k in numbers.tolist()])
-            return batches.take(own * table.n_batch + part % table.n_batch)
+            order = np.argsort(part, kind="stable")
+            numbers, starts = np.unique((own := part[order]) // table.n_batch, return_index=True)
+            each = zip(numbers.tolist(), np.split(own, starts[1:]), strict=True)
+            found = [table.batch(k, table.schema.names).take(rows - k * table.n_batch) for k, rows in each]
+            return pa.concat_tables(found).take(np.argsort(order))
 
-        return replace(self, table=ArrowFile.of(map(some, parts), self.source), place=self.numbers(rows))
+        parts = map(some, np.split(rows, range(n_rows, len(rows), n_rows)))
+        return replace(self, table=ArrowFile.of(parts, self.source, len(rows)), place=self.numbers(rows))
 
     def only(self, mask: Array) -> Steps:
         """The demonstrations of a mask (M,) alone."""

@@ -36,9 +36,18 @@ HEAD_ROWS = 1000
 
 def kinds_of(head: pa.Table) -> dict[str, Kind]:
     """The kind of every column by its type and its first values; of none where there are no values."""
-    if not head.num_rows:
-        return {}
-    return {name: _kind_of(column) for name, column in zip(head.column_names, head.columns, strict=True)}
+    found = {field.name: kind_of_type(field.type) for field in head.schema} if head.num_rows else {}
+    for name, kind in found.items():
+        if kind == "text":
+            texts = [text.strip() for text in head[name].unique().to_pylist() if text]
+            if any("[" in text or "." in text for text in texts) and all(map(_WRITTEN_LIST.fullmatch, texts)):
+                found[name] = "written list"
+            elif texts and 2 * sum(map(is_number, texts)) >= len(texts):
+                found[name] = "mixed"
+        elif kind == "number" and len(head) >= _COUNTED_ROWS and head[name][0].as_py() in (0, 1):
+            values = np.asarray(head[name].to_numpy(), dtype=float)
+            found[name] = "counter" if np.array_equal(values, values[0] + np.arange(len(head))) else kind
+    return found
 
 
 def kind_of_type(kind: pa.DataType) -> Kind:
@@ -53,20 +62,6 @@ def kind_of_type(kind: pa.DataType) -> Kind:
     if pa.types.is_temporal(kind):
         return "time"
     return "list" if _is_list(kind) and _is_numeric(kind.value_type) else "nested"
-
-
-def _kind_of(column: pa.ChunkedArray) -> Kind:
-    kind = kind_of_type(column.type)
-    if kind == "text":
-        texts = [text.strip() for text in column.unique().to_pylist() if text]
-        if any("[" in text or "." in text for text in texts) and all(map(_WRITTEN_LIST.fullmatch, texts)):
-            return "written list"
-        return "mixed" if texts and 2 * sum(map(_is_number, texts)) >= len(texts) else "text"
-    n_rows = len(column)
-    if kind != "number" or n_rows < _COUNTED_ROWS or column.null_count or column[0].as_py() not in (0, 1):
-        return kind
-    values = np.asarray(column.to_numpy(), dtype=float)
-    return "counter" if np.array_equal(values, values[0] + np.arange(n_rows)) else kind
 
 
 _COUNTED_ROWS = 30
@@ -95,16 +90,6 @@ def step_columns(ids: Sequence[object], offsets: Array) -> dict[str, Array]:
     }
 
 
-def no_numbers(texts: Array, name: str, at: Place) -> DataError:
-    """The error that a column holds `texts`, at the first that is no number."""
-    row = next((row for row, text in enumerate(texts) if not _is_number(text)), 0)
-    return DataError(
-        f"{at(row)}: column {name!r} holds text ({str(texts[row])[:40]!r}), not numbers; write numbers, or "
-        "leave the column out with <option>.",
-        "exclude",
-    )
-
-
 def end_to_end(tables: Sequence[pa.Table], source: str) -> pa.Table:
     """Tables one below the other; a `DataError` where there is none, or where their columns differ."""
     check_any(len(tables), source)
@@ -129,21 +114,17 @@ def plain_type(kind: pa.DataType) -> pa.DataType:
 
 def part_names(widths: Mapping[str, int], joints: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
     """A name for every number in columns of these `widths`; no two alike."""
-    short = tuple(part for name, width in widths.items() for part in _parts(name, width, joints.get(name, ())))
-    if len(set(short)) < len(short):
+    found = list[str]()
+    for name, width in widths.items():
+        short, own = short_name(name), joints.get(name, ())
+        each = map(str, own if len(own) == width else range(width))
+        found += [short or "0"] if width == 1 else [f"{short}.{part}" if short else part for part in each]
+    if len(set(found)) < len(found):
         return tuple(f"{name}.{k}" for name, width in widths.items() for k in range(width))
-    return short
+    return tuple(found)
 
 
-def _parts(name: str, width: int, joints: Sequence[str]) -> list[str]:
-    short = short_name(name)
-    if width == 1:
-        return [short or "0"]
-    parts = joints if len(joints) == width else range(width)
-    return [f"{short}.{part}" if short else str(part) for part in parts]
-
-
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
     try:
         float(text)
     except ValueError:

@@ -6,6 +6,7 @@ import glob
 import itertools
 import os
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path, PurePath, PurePosixPath
 
 from pyarrow import fs
@@ -37,8 +38,15 @@ _REFUSED = {
 
 
 def read(path: StrPath, options: ColumnOptions) -> StepTables:
-    """The recording in the Parquet files of a folder, or else in its text tables."""
-    filesystem, parquet_files, text_files, others = _found(path)
+    """The recording in the Parquet files of a folder, or else in its text tables.
+
+    A .txt file may be any text, as a licence: it is read where no file has another ending of a table.
+    """
+    filesystem, parquet_files, texts = find_files(path)
+    text_files = [] if parquet_files else [one for one in texts if Path(one).name not in OWN_TABLES]
+    text_files = [one for one in text_files if not one.lower().endswith((".txt", ".txt.gz"))] or text_files
+    arrays = [str(one) for one in sorted(Path(path).glob("*")) if one.suffix.lower() in _MAY_BE_DATA]
+    others = [Path(one).name for one in (*texts, *arrays) if one not in {*text_files}]
     source = Path(str(path)).name or str(path)
     for inner in (*Path(path).glob("*/meta/info.json"), *Path(path).glob("*/*/meta/info.json")):
         raise DataError(f"{path}: in it is a folder of LeRobot, which is read alone; give {inner.parents[1]}.")
@@ -54,21 +62,10 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
         raise DataError(f"{path}: no .parquet or .csv file is there{but}; check the path.")
     beside = dict.fromkeys(others, f"not read beside {'Parquet files' if parquet_files else 'text tables'}")
     if not parquet_files:
-        return csv.read_files([Path(file) for file in text_files], options, source, csv.FILE).with_ignored(beside)
-    return parquet.read_files(filesystem, parquet_files, options, source).with_ignored(beside)
-
-
-def _found(path: StrPath) -> tuple[fs.FileSystem, list[str], list[str], list[str]]:
-    """The file system, the Parquet files, or else the text tables, and the names of other files that may hold data.
-
-    A .txt file may be any text, as a licence: it is read where no file has another ending of a table.
-    """
-    filesystem, parquet_files, texts = find_files(path)
-    tables = [] if parquet_files else [one for one in texts if Path(one).name not in OWN_TABLES]
-    tables = [one for one in tables if not one.lower().endswith((".txt", ".txt.gz"))] or tables
-    arrays = [str(one) for one in sorted(Path(path).glob("*")) if one.suffix.lower() in _MAY_BE_DATA]
-    others = [Path(one).name for one in (*texts, *arrays) if one not in {*tables}]
-    return filesystem, parquet_files, tables, others
+        found = csv.read_files([Path(file) for file in text_files], options, source, csv.FILE)
+    else:
+        found = parquet.read_files(filesystem, parquet_files, options, source)
+    return replace(found, ignored=beside)
 
 
 def has_tables(path: StrPath) -> bool:
@@ -99,7 +96,11 @@ def _listed(path: StrPath) -> tuple[fs.FileSystem, str, list[str], list[str]]:
             else:
                 filesystem, place = fs.LocalFileSystem(), os.path.abspath(where)
                 if not os.path.exists(place) and glob.has_magic(place):
-                    return filesystem, "", *_matches(place)
+                    found = _tables(sorted(glob.glob(place, recursive=True)), place)
+                    top = next(folder for folder in PurePath(place).parents if not glob.has_magic(str(folder)))
+                    for one in itertools.chain(*found):
+                        check_inside(one, top)
+                    return filesystem, "", *found
                 check_exists(where)
             if isinstance(filesystem, fs.LocalFileSystem):
                 check_folder(place)
@@ -115,15 +116,6 @@ def _listed(path: StrPath) -> tuple[fs.FileSystem, str, list[str], list[str]]:
             reason = in_words(error)
             raise DataError(f"{where}: addresses of this kind need a package of their own ({reason}).") from error
         return filesystem, place, *_tables(sorted(i.path for i in entries if i.type == fs.FileType.File), place)
-
-
-def _matches(pattern: str) -> tuple[list[str], list[str]]:
-    """The tables that a pattern matches; no link may lead out of the folder in which it begins."""
-    found = _tables(sorted(glob.glob(pattern, recursive=True)), pattern)
-    top = next(folder for folder in PurePath(pattern).parents if not glob.has_magic(str(folder)))
-    for path in itertools.chain(*found):
-        check_inside(path, top)
-    return found
 
 
 def _tables(paths: list[str], top: str) -> tuple[list[str], list[str]]:

@@ -143,11 +143,6 @@ def test_times_that_lerobot_does_not_load_are_named(tmp_path, version, fault):
     assert defect.sentence.endswith("; write frame_index / 20 in their place")
     with pytest.warns(UserWarning, match=r"kept, timestamps of .*: LeRobot cannot load "):
         find(root).keep(tmp_path / "kept", [1, 2, 3, 4])
-    named = episodes.replace("all 5 episodes", "episodes 1-4")
-    with pytest.warns(UserWarning, match=rf"drive, timestamps of {named}: LeRobot cannot load"):
-        find(root).keep(tmp_path / "kept.json", [1, 2, 3, 4])
-    if named == episodes:  # nothing is told of others
-        find(root).keep(tmp_path / "right.json", [0])
 
 
 def test_times_without_videos_are_numbers_that_lerobot_does_not_check(tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -17,16 +17,17 @@ from pyarrow import fs
 
 from rpil.data.arrays import group_rows
 from rpil.data.errors import DataError
-from rpil.data.folders import check_inside
+from rpil.data.files import new_folder
+from rpil.data.folders import check_inside, copy_folder
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed
 from rpil.data.memory import check_memory
 from rpil.formats import table as flat
-from rpil.formats.description import without_damaged
 from rpil.formats.format import Shot
 from rpil.formats.meta_folder import MetaFolder, cameras, chunk_size, fill, frame_rate
 from rpil.formats.metadata import usual_step
 from rpil.formats.parquet_file import read_table
+from rpil.formats.scan import without_damaged
 from rpil.formats.table import numbers_or_missing
 from rpil.formats.table_folder import find_files
 from rpil.numerics.types import Array
@@ -145,12 +146,26 @@ class CheckedFolder:
         with guarded(file):
             table = read_table(file, ["episode_index", "index", "timestamp"])
         found, columns, place = dict[int, EpisodeRows](), table.column_names, os.path.relpath(file, self.path)
-        times = numbers_or_missing(table["timestamp"]) if "timestamp" in columns else None
+        all_times = numbers_or_missing(table["timestamp"]) if "timestamp" in columns else None
         numbers, offsets, rows = group_rows(table["episode_index"].to_numpy())
         of_each = np.split(np.arange(len(table)) if rows is None else rows, offsets[1:-1])
+        fps, has_videos = frame_rate(self.info.get("fps")), bool(cameras(self.info, "video"))
         for m, own in zip(numbers.tolist(), of_each, strict=True):
             first = table["index"][int(own[0])].as_py() if "index" in columns else -1
-            timing = self._timing(np.zeros(0) if times is None else times[own, 0])
+            timing, times, frames = (
+                (0.0, 0.0, 0.0),
+                None if all_times is None else all_times[own, 0],
+                np.arange(len(own)),
+            )
+            if fps is not None and times is not None:
+                if str(self.info.get("codebase_version")).startswith("v2"):  # which may begin within a video
+                    frames = frames + np.rint(times[0] * fps)
+                gaps = times - frames / fps if has_videos else np.diff(times) - 1 / fps
+                off = float(np.abs(gaps).max(initial=0.0))
+                is_near = off <= NEAR_SECONDS
+                timing = (
+                    (float(times[0]), 0.0, 0.0) if is_near else (0.0, off, 1.0 / (usual_step(np.diff(times)) or np.inf))
+                )
             found[m] = EpisodeRows(len(own), first, place, *timing)
         return found
 
@@ -158,19 +173,6 @@ class CheckedFolder:
         """The data files that hold episodes, `only` these or any."""
         own = (rows.file for m, rows in self.data.items() if only is None or str(m) in only)
         return [self.path / file for file in dict.fromkeys(own)]
-
-    def _timing(self, times: Array) -> tuple[float, float, float]:
-        """`start`, `off` and `fps` of an episode with these times; there are none where they are not known."""
-        fps, frames = frame_rate(self.info.get("fps")), np.arange(len(times))
-        if fps is None or not len(times):
-            return 0.0, 0.0, 0.0
-        if str(self.info.get("codebase_version")).startswith("v2"):  # which may begin within a video
-            frames = frames + np.rint(times[0] * fps)
-        gaps = times - frames / fps if cameras(self.info, "video") else np.diff(times) - 1 / fps
-        off = float(np.abs(gaps).max(initial=0.0))
-        if off <= NEAR_SECONDS:
-            return float(times[0]), 0.0, 0.0
-        return 0.0, off, 1.0 / (usual_step(np.diff(times)) or np.inf)
 
     def states(self) -> dict[int, Array]:
         """The state of each episode, (N, D), as that of the joints of a robot; empty where the data have none."""
@@ -216,6 +218,7 @@ class CheckedFolder:
         if chunk_size(self.info) is None:
             said = str(self.info["chunks_size"])[:20]
             raise DataError(f"{self.path / INFO}: chunks_size is {said}, no whole number above 0; correct it.")
+        fps = frame_rate(self.info.get("fps")) or np.inf
         there = [m for m in sorted(self.data.keys() & self.episodes.keys()) if only is None or str(m) in only]
         for camera in cameras(self.info, "video"):
             own = []
@@ -228,7 +231,14 @@ class CheckedFolder:
                     said = f"from_timestamp is {start!s:.20}, to_timestamp {end!s:.20}; correct them"
                     raise DataError(f"meta/episodes, demonstration {m}: {said}.")
                 own.append(Shot(camera, m, self.video(camera, m), start, end, self.data[m].n))
-            found += _with_last_frames(own, frame_rate(self.info.get("fps")) or np.inf)
+            starts = defaultdict[Path, list[float]](list)
+            for shot in own:
+                starts[shot.path].append(shot.start)
+            later = {path: np.append(np.sort(times), np.inf) for path, times in starts.items()}
+            for shot in own:  # some programs write the time of the last frame: none reaches beyond the next one's start
+                following = later[shot.path][np.searchsorted(later[shot.path], shot.start, "right")]
+                last = float(min(shot.start + shot.n_rows / fps, following))
+                found.append(replace(shot, end=max(shot.end, last)))
         return found
 
     def video(self, camera: str, m: int) -> Path:
@@ -241,15 +251,19 @@ class CheckedFolder:
         return place
 
 
-def _with_last_frames(shots: Sequence[Shot], fps: float) -> Iterator[Shot]:
-    """The shots of a camera, with an end after their last row: some programs write the time of the last frame.
-
-    None reaches beyond the start of the next in the file.
-    """
-    starts = defaultdict[Path, list[float]](list)
-    for shot in shots:
-        starts[shot.path].append(shot.start)
-    later = {path: np.append(np.sort(own), np.inf) for path, own in starts.items()}
-    for shot in shots:
-        following = later[shot.path][np.searchsorted(later[shot.path], shot.start, "right")]
-        yield replace(shot, end=max(shot.end, float(min(shot.start + shot.n_rows / fps, following))))
+def annotate(path: Path, output: Path, columns: Mapping[str, Mapping[str, object]]) -> None:
+    """Copy the data, the videos and ``meta``, and add `columns`, by name, with a value for each episode's number as
+    text; null where there is none. Columns of these names that are there already are replaced."""
+    for entry in (path / "videos").rglob("*"):
+        check_inside(entry, path)
+    with new_folder(output) as new:
+        for name in ("data", "meta", "videos"):
+            if (path / name).is_dir():
+                copy_folder(path / name, new / name)
+        for place in (new / "meta" / "episodes").rglob("*.parquet"):
+            table = read_table(place)
+            episodes = [*map(str, table["episode_index"].to_pylist())]
+            table = table.drop_columns([name for name in columns if name in table.column_names])
+            for name, values in columns.items():
+                table = table.append_column(name, pa.array([values.get(episode) for episode in episodes]))
+            pq.write_table(table, place)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +13,6 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.guard import guarded
 from rpil.data.json_files import read_json
 from rpil.data.text import duration
-from rpil.formats.description import commas, parts_in_words
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot import video
 from rpil.formats.lerobot.checked_folder import (
@@ -28,6 +27,7 @@ from rpil.formats.lerobot.checked_folder import (
 )
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.meta_folder import cameras, fill, frame_rate
+from rpil.formats.scan import commas, parts_in_words
 from rpil.numerics.types import Array
 
 TOLERANCE, SHARES = 1e-3, (1e-5, 1e-3)
@@ -54,9 +54,9 @@ def find_defects(path: Path, look: bool) -> list[Defect]:
     return list(found)
 
 
-def in_times(folder: CheckedFolder, only: Collection[str] | None = None) -> Iterator[Defect]:
-    """Episodes, `only` these or all, with times that LeRobot does not find in a video, or of other frames a second."""
-    wrong = {m: rows for m, rows in folder.data.items() if rows.off and (only is None or str(m) in only)}
+def in_times(folder: CheckedFolder) -> Iterator[Defect]:
+    """Episodes with times that LeRobot does not find in a video, or of other frames a second."""
+    wrong = {m: rows for m, rows in folder.data.items() if rows.off}
     if wrong:
         fps, off = float(folder.info["fps"]), np.max([rows.off for rows in wrong.values()])
         recorded = np.median([rows.fps for rows in wrong.values()])

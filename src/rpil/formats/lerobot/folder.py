@@ -1,16 +1,23 @@
-"""LeRobot's folders: what is kept as a list of episodes and as commands, or as a new folder."""
+"""LeRobot's folders: what is kept as a list of episodes and as commands, or as a new folder with rows and videos."""
 
 from __future__ import annotations
 
 import json
 import re
 import shlex
+import shutil
 import warnings
-from collections.abc import Sequence
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from rpil.data.arrays import Id
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from rpil.data.arrays import Id, group_rows
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, new_folder
 from rpil.data.folders import copy_folder
@@ -20,21 +27,15 @@ from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import quoted
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Defect, Format, Shot, write_list
-from rpil.formats.lerobot.checked_folder import (
-    EPISODES_STATS,
-    INFO,
-    PATHS,
-    STATS,
-    ByFeature,
-    CheckedFolder,
-    joined_stats,
-    stats_of_data,
-)
+from rpil.formats.format import Format, Shot
+from rpil.formats.lerobot import checked_folder, video
+from rpil.formats.lerobot.checked_folder import EPISODES_STATS, INFO, PATHS, STATS, ByFeature, CheckedFolder
 from rpil.formats.lerobot.defects import find_defects, find_shots, in_times, in_videos
-from rpil.formats.lerobot.kept import Kept, annotate
-from rpil.formats.lerobot.video import load_av
-from rpil.formats.meta_folder import cameras, chunk_size
+from rpil.formats.meta_folder import cameras, chunk_size, fill
+from rpil.formats.parquet import keep_rows
+from rpil.numerics.types import Array
+
+_EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 
 WEIGHTS = (
     "LeRobot 0.6.1 cannot read weights from a file: give it the list of --keep. In review there, and in no release, is "
@@ -66,8 +67,140 @@ def check_output(path: Path, output: Path) -> dict[str, Parsed]:
         if info["chunks_size"] < 1 or not 0 < fps < 1e9:
             raise ValueError("chunks_size is no whole number above 0, or fps none")
     if seen and version == "v3.0" and (path / "videos").is_dir():
-        load_av()
+        video.load_av()
     return info
+
+
+@dataclass
+class Kept:
+    """What is written: the episodes `wanted`, with new numbers from 0 in the order of the files."""
+
+    old: CheckedFolder
+    new: Path
+    info: dict[str, Parsed]  # what meta/info.json says
+    wanted: set[str]
+    numbers: dict[int, int] = field(default_factory=dict)  # the new one by the old one
+    places: dict[int, tuple[int, int]] = field(default_factory=dict)  # chunk and file of the data, by the new number
+    lengths: Counter[int] = field(default_factory=Counter)
+    n_steps: int = 0
+    place: tuple[int, int] = (0, 0)  # of the data file that is written
+
+    @property
+    def is_v3(self) -> bool:
+        return str(self.info["codebase_version"]) == "v3.0"
+
+    def place_of(self, number: int) -> tuple[int, int]:
+        """The chunk and the file of the new data file, or video of a camera, of this number."""
+        chunk, file = divmod(number, int(self.info["chunks_size"]))
+        return (chunk, file) if self.is_v3 else (chunk, number)
+
+    def target(self, of_videos: int, chunk: int, file: int, camera: str = "") -> Path:
+        """The place of a new file, in a folder that is there."""
+        place = self.new / fill(PATHS[self.info["codebase_version"]][of_videos], chunk, file, camera)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        return place
+
+    def copy_data(self) -> None:
+        """Write the data files that hold any of the episodes."""
+        n_files, files = 0, self.old.files(self.wanted)
+        for file in files:
+            self.place = self.place_of(n_files)
+            target = self.target(0, *self.place)
+            options = ColumnOptions(id="episode_index")
+            if keep_rows(file, target, self.wanted, options, self.renumbered):
+                n_files += 1
+            else:
+                target.unlink()
+            if not self.is_v3 and len(self.numbers) != n_files:
+                raise DataError(f"{file}: it holds several episodes, or one of another file; repair the data set.")
+
+    def renumbered(self, table: pa.Table) -> pa.Table:
+        """Rows with new numbers of episode and step."""
+        rows = group_rows(table["episode_index"].to_numpy())[2]
+        table = table if rows is None else table.take(rows)
+        old = table["episode_index"].to_numpy()
+        last, (episodes, offsets, _) = len(self.numbers) - 1, group_rows(old)
+        numbers = [self.numbers.setdefault(m, len(self.numbers)) for m in episodes.tolist()]
+        if np.any(np.diff([last, *numbers]) < 0):
+            raise DataError(f"{self.old.path}: its episodes lie within each other; sort the rows by episode_index.")
+        for number, n in zip(numbers, np.diff(offsets).tolist(), strict=True):
+            self.lengths[number] += n
+            self.places.setdefault(number, self.place)
+        first, self.n_steps = self.n_steps, self.n_steps + len(old)
+        table = with_column(table, "episode_index", np.repeat(numbers, np.diff(offsets)))
+        return with_column(table, "index", np.arange(first, self.n_steps)) if "index" in table.column_names else table
+
+    def write_episodes(self, videos: Mapping[str, Mapping[int, Shot]], gone: Sequence[str]) -> list[ByFeature]:
+        """Write what is said of the kept episodes, with their new numbers and places, and their videos.
+
+        `videos` say where each camera saw each episode; `gone` are the cameras that are left out. Returned are the
+        statistics of each episode, if there are any.
+        """
+        rows, statistics = {m: dict(self.old.episodes[m]) for m in self.numbers}, self.old.statistics()
+        start, found = 0, []
+        for m, new in self.numbers.items():
+            n = self.lengths[new]
+            rows[m].update(episode_index=new, length=n)
+            if self.is_v3:
+                rows[m].update(dataset_from_index=start, dataset_to_index=start + n)
+                for name, place in {"data": self.places[new], "meta/episodes": (0, 0)}.items():
+                    rows[m] |= {f"{name}/chunk_index": place[0], f"{name}/file_index": place[1]}
+            if statistics:
+                own = {feature: one for feature, one in statistics[m].items() if feature not in gone}
+                for feature, number in (("episode_index", new), ("index", start)):  # which are counted again
+                    if feature in own:
+                        own[feature] = checked_folder.shifted_stats(
+                            own[feature], number - np.ravel(own[feature]["min"])[0].item()
+                        )
+                found.append(own)
+            start += n
+        for camera, shots in videos.items():
+            for m, said in self._copy_videos(camera, [shots[m] for m in self.numbers]).items():
+                rows[m] |= said if self.is_v3 else {}
+        if self.old.schema is not None:
+            of_gone = tuple(f"{what}/{camera}/" for camera in gone for what in ("videos", "stats"))
+            left = [field for field in self.old.schema if not field.name.startswith(of_gone)]
+            for row, own in zip(rows.values(), found, strict=True):
+                row |= {f"stats/{feature}/{name}": value for feature, one in own.items() for name, value in one.items()}
+            (self.new / _EPISODES).parent.mkdir(parents=True)
+            table = pa.Table.from_pylist([*rows.values()], pa.schema(left, self.old.schema.metadata))
+            pq.write_table(table, self.new / _EPISODES)
+        else:
+            lines = [{"episode_index": new, "stats": own} for new, own in enumerate(found)]
+            for name, written in {"meta/episodes.jsonl": [*rows.values()], EPISODES_STATS: lines}.items():
+                if written:
+                    text = "".join(f"{json.dumps(line)}\n" for line in written)
+                    (self.new / name).write_text(text, encoding="utf-8")
+        return found
+
+    def _copy_videos(self, camera: str, shots: Sequence[Shot]) -> dict[int, dict[str, Parsed]]:
+        """Write the videos of a camera; by the old number of each episode, where in them it lies.
+
+        A file of which all episodes are kept whole is copied; of others, the frames of the kept ones.
+        """
+        n_episodes = Counter(self.old.video(camera, m) for m in self.old.episodes)
+        by_file, said = defaultdict[Path, list[Shot]](list), {}
+        for shot in shots:
+            by_file[shot.path].append(shot)
+        for number, (source, own) in enumerate(by_file.items()):
+            chunk, file = self.place_of(number)
+            target = self.target(1, chunk, file, camera)
+            spans = [(shot.start, shot.end) for shot in own]
+            if len(own) == n_episodes[source]:
+                shutil.copyfile(source, target)
+            else:
+                starts = video.cut(source, target, spans, float(self.info["fps"]))
+                spans = [(start, start + b - a) for start, (a, b) in zip(starts, spans, strict=True)]
+            for shot, (start, end) in zip(own, spans, strict=True):
+                where = {"chunk_index": chunk, "file_index": file, "from_timestamp": start, "to_timestamp": end}
+                said[shot.episode] = {f"videos/{camera}/{name}": value for name, value in where.items()}
+        return said
+
+
+def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) -> pa.Table:
+    """The table with other values of the same type in one of its columns."""
+    field = table.schema.field(name)
+    return table.set_column(table.column_names.index(name), field, pa.array(values).cast(field.type))
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
@@ -79,21 +212,10 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
         with guarded(path / "meta"):
             written = CheckedFolder(new)
             found = [*in_times(written), *in_videos(written, False)]
-    _tell_of(output, found)
-
-
-def keep_list(path: Path, output: Path, ids: Sequence[Id]) -> None:
-    """Write the list of the episodes, sorted."""
-    write_list(path, output, sorted(map(int, ids)))
-    _tell_of(path, [*in_times(CheckedFolder(path), {*map(str, ids)})])
-
-
-def _tell_of(where: Path, found: Sequence[Defect]) -> None:
-    """Warn of the first of the defects of each kind."""
     for what in dict.fromkeys(one.what for one in found):
         first, *others = (one for one in found if one.what == what)
         more = f" (and {len(others)} more: rpil check lists them)" if others else ""
-        warnings.warn(f"{where}, {what} of {first.place}: {first.sentence}{more}.", stacklevel=1)
+        warnings.warn(f"{output}, {what} of {first.place}: {first.sentence}{more}.", stacklevel=1)
 
 
 def _write(kept: Kept) -> None:
@@ -140,9 +262,13 @@ def _write_statistics(kept: Kept, by_episode: Sequence[ByFeature], gone: Sequenc
     if not place.is_file():
         return
     old = {name: one for name, one in read_json(place).items() if name not in gone}
-    found = stats_of_data(kept.new / "data", old)
+    found = checked_folder.stats_of_data(kept.new / "data", old)
     common = set.intersection(*map(set, by_episode)) if by_episode else set()
-    found |= {name: joined_stats([own[name] for own in by_episode]) for name in old if name in common - found.keys()}
+    found |= {
+        name: checked_folder.joined_stats([own[name] for own in by_episode])
+        for name in old
+        if name in common - found.keys()
+    }
     left = [name for name in old if name not in found]
     if left:
         message = f"{kept.old.path}: the statistics of {quoted(left, 5)} are still those of all episodes, because the "
@@ -195,12 +321,11 @@ FORMAT = Format(
     claims=claims,
     read=table_folder.read,
     keep=keep,
-    keep_list=keep_list,
     has_own_ids=True,
     check_output=check_output,
     commands_to_keep=commands,
     notes_on_weights=(WEIGHTS,),
     find_defects=find_defects,
-    annotate=annotate,
+    annotate=checked_folder.annotate,
     shots=find_shots,
 )

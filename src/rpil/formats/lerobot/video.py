@@ -105,35 +105,21 @@ def cut(path: Path, new: Path, spans: Sequence[tuple[float, float]], fps: float)
     frame of a span needs earlier ones, these are copied with it. Returned are the seconds at which the first frame of
     each span is shown in the new file.
     """
-    packets = Packets.of(path)
-    places = [_find(packets, span, 0.5 / fps, path) for span in spans]
-    wanted, shift = _shifts(packets, places)
-    with guarded(path):
-        _copy(path, new, packets, wanted, shift)
-    return [(shown + int(shift[first])) * packets.unit for first, _, shown in places]
-
-
-def _find(packets: Packets, span: tuple[float, float], half: float, path: Path) -> tuple[int, int, int]:
-    """The packets ``first:end`` that show a span, and when its first frame is shown."""
-    inside = np.flatnonzero((packets.times >= span[0] - half) & (packets.times < span[1] - half))
-    if not len(inside):
-        raise DataError(f"{path}: no frame lies between {span[0]:.3f} s and {span[1]:.3f} s; leave the episode out.")
-    shown = int(packets.shown[inside].min())
-    first = np.flatnonzero(packets.is_key & (packets.shown <= shown))[-1]
-    return int(first), int(inside.max()) + 1, shown
-
-
-def _shifts(packets: Packets, places: Sequence[tuple[int, int, int]]) -> tuple[Array, Array]:
-    """Which packets are copied, (P,), and the units by which they are shown later: one place after the other.
-
-    Places that overlap or touch are one; frames that need others before it are left out.
-    """
-    runs: list[list[int]] = []
-    for first, end, _ in sorted(places):
-        if runs and first <= runs[-1][1]:
+    packets, half = Packets.of(path), 0.5 / fps
+    places, runs = list[tuple[int, int, int]](), list[list[int]]()  # with when the first frame is shown; joined
+    for start, stop in spans:
+        inside = np.flatnonzero((packets.times >= start - half) & (packets.times < stop - half))
+        if not len(inside):
+            raise DataError(f"{path}: no frame lies between {start:.3f} s and {stop:.3f} s; leave the episode out.")
+        first_shown = int(packets.shown[inside].min())
+        first = np.flatnonzero(packets.is_key & (packets.shown <= first_shown))[-1]
+        places.append((int(first), int(inside.max()) + 1, first_shown))
+    for begin, end, _ in sorted(places):
+        if runs and begin <= runs[-1][1]:
             runs[-1][1] = max(end, runs[-1][1])
         else:
-            runs.append([first, end])
+            runs.append([begin, end])
+    # One run after the other is shown later by these units; frames that need others before it are left out.
     wanted, shift = np.zeros_like(packets.is_key), np.zeros_like(packets.shown)
     shown = decoded = 0  # where the next may begin
     for run in (slice(*bounds) for bounds in runs):
@@ -142,7 +128,9 @@ def _shifts(packets: Packets, places: Sequence[tuple[int, int, int]]) -> tuple[A
         wanted[run], shift[run] = packets.shown[run] >= packets.shown[run][0], by
         shown = int((packets.shown[run] + packets.length[run]).max()) + by
         decoded = int(packets.decoded[run][-1]) + 1 + by
-    return wanted, shift
+    with guarded(path):
+        _copy(path, new, packets, wanted, shift)
+    return [(when + int(shift[begin])) * packets.unit for begin, _, when in places]
 
 
 def _copy(path: Path, new: Path, packets: Packets, wanted: Array, shift: Array) -> None:

@@ -10,7 +10,7 @@ import rpil
 from hdf5_files import aloha, d4rl, h5py, robomimic
 from rpil import formats
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.formats.hdf5 import opened_hdf5
+from rpil.formats.containers import opened_hdf5
 from rpil.formats.registry import find
 
 

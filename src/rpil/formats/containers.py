@@ -1,0 +1,267 @@
+"""HDF5 and Zarr as containers of named arrays, whose values are read when they are asked for; and copies of HDF5 files.
+
+No link is followed, because links lead to other files, or in circles. An array is read only if all its values are in
+the file: the libraries read missing ones as the fill value. A header of Zarr names the codecs that the library calls
+with the contents of the file, and some codecs run code: of an array with one that is not on the list here no value is
+read.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import warnings
+import zipfile
+from collections.abc import Container, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import cache, cached_property
+from pathlib import Path
+from threading import RLock
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rpil.data.arrays import Id
+from rpil.data.errors import DataError, optional
+from rpil.data.files import cannot_be_written, check_readable, replacing
+from rpil.data.guard import guarded
+from rpil.data.held import held
+from rpil.data.memory import check_free
+from rpil.data.names import natural_key
+from rpil.formats.array_layout import ROLES, Arrays
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.format import kept_of
+from rpil.formats.step_arrays import Closed
+
+if TYPE_CHECKING:
+    import h5py
+    import zarr
+
+_WRITE_FAILED = re.compile(r"write failed.*errno = (\d+)", re.DOTALL)  # in the messages of HDF5
+
+ZIP = ".zip"
+"""The extension of stores of Zarr in a ZIP file; a file of another name is never taken for one."""
+
+(_ENDS,) = ROLES["offsets"]
+_HEADER_FILE = re.compile(rf"(data(?:/(?!\.\.?/)[^/\\]+)+|{_ENDS})/(?:\.zarray|zarr\.json)")
+_CODECS = {
+    *("bytes", "transpose", "sharding_indexed", "zlib", "gzip", "bz2", "zstd", "blosc", "lz4", "shuffle", "delta"),
+    *("fixedscaleoffset", "quantize", "crc32", "crc32c", "adler32", "fletcher32", "vlen-utf8"),
+}
+_IMAGES, _CLOSED = "imagecodecs_", "images of the package imagecodecs"
+_DAMAGED_HEADER = "its header is damaged, or of an unknown format", "copy or write it again"
+_DAMAGED_CHUNK = "a chunk of it is damaged, or does not hold what the header declares", "copy or write it again"
+
+
+@contextmanager
+def opened_hdf5(path: Path, options: ColumnOptions = ColumnOptions()) -> Iterator[tuple[h5py.File, Arrays]]:
+    """The file, and the arrays in it by path, each of which is opened when it is asked for: there may be many.
+
+    Each group is visited once, in whatever circles hard links lie. A `DataError` where this is no file of HDF5, or it
+    is damaged, a `MissingExtraError` without h5py.
+    """
+    h5py, kinds = optional("h5py", f"{path.name} is HDF5, which", "hdf5"), dict[bytes, int]()
+    fault = "no HDF5 file, or a damaged one", "copy or write it again"
+    with guarded(path.name, *fault), held(path, lambda: h5py.File(check_readable(path), "r")) as file:
+        file.id.links.visit(lambda place, link: kinds.update({place: link.type}), info=True)
+        is_hard = {m.decode("utf-8", "surrogateescape"): kind == h5py.h5l.TYPE_HARD for m, kind in kinds.items()}
+        groups = {place.rpartition("/")[0] for place in is_hard}
+        leaves = [place for place in sorted(is_hard, key=natural_key) if place not in groups]
+        found = {place: _FileArray(file, place) for place in leaves if is_hard[place]}
+        links = [place for place in leaves if place not in found]
+        yield file, Arrays(found, path.name, "HDF5", options, lambda group: file[group or "/"].attrs, links)
+
+
+class _FileArray:
+    """An array that is read only if all its values are in the file, and fit in memory; of others nothing is known."""
+
+    def __init__(self, file: h5py.File, path: str) -> None:
+        self._file, self._path = file, path
+
+    @cached_property
+    def _stored(self) -> h5py.h5d.DatasetID | None:
+        import h5py
+
+        where = self._file.id, self._path.encode("utf-8", "surrogateescape")
+        try:
+            one = h5py.h5d.open(*where)  # faster than by its class
+        except KeyError:  # maybe a type, or a group of nothing
+            if not isinstance(one := h5py.h5o.open(*where), h5py.h5d.DatasetID):
+                return None
+        is_away = one.get_offset() is None and (h5py.Dataset(one).is_virtual or h5py.Dataset(one).external)
+        return None if is_away else one
+
+    @cached_property
+    def shape(self) -> tuple[int, ...]:
+        """As the file says."""
+        return () if self._stored is None else tuple(self._stored.shape or ())
+
+    @cached_property
+    def dtype(self) -> np.dtype[Any]:
+        """As the file says."""
+        return np.dtype(object) if self._stored is None else self._stored.dtype
+
+    def __getitem__(self, rows: object) -> object:
+        import h5py
+
+        n_rows = len(range(*rows.indices(*self.shape[:1]))) if isinstance(rows, slice) else 0
+        check_free(n_rows * math.prod(self.shape[1:]) * self.dtype.itemsize)
+        whole = self._whole
+        if whole is None or not n_rows or n_rows < self.shape[0] or self.dtype.hasobject:
+            return h5py.Dataset(whole)[rows]
+        values = np.empty(self.shape, self.dtype)
+        whole.read(h5py.h5s.ALL, h5py.h5s.ALL, values)  # half the time, where there are thousands of small arrays
+        return values
+
+    @cached_property
+    def _whole(self) -> h5py.h5d.DatasetID | None:
+        """The array; an error where chunks are missing, or their bytes in the file are more than their values take."""
+        import h5py
+
+        if self._stored is None or self._stored.get_offset() is not None:  # all values lie together
+            return self._stored
+        where, stored = f"{os.path.basename(self._file.filename)}: {self._path}", h5py.Dataset(self._stored)
+        grid = [-(-size // step) for size, step in zip(self.shape, stored.chunks or self.shape, strict=True) if step]
+        n_chunks, n_bytes = math.prod(grid) if stored.size else 0, stored.id.get_storage_size()
+        n_there = stored.id.get_num_chunks() if stored.chunks and n_chunks else int(n_bytes > 0)
+        if n_there < n_chunks:
+            fault = f"declares the shape {self.shape}, but {n_there:,} of its {n_chunks:,} chunks are in the file"
+            raise DataError(f"{where} {fault}; copy or write it again.")
+        chunk_bytes = math.prod(stored.chunks or ()) * self.dtype.itemsize
+        check_free(chunk_bytes)
+        if stored.chunks and n_bytes > n_there * (2 * chunk_bytes + 4096):
+            raise DataError(f"{where}: its chunks hold more than they declare; copy or write it again.")
+        return self._stored
+
+
+def keep_groups(path: Path, output: Path, ids: Sequence[Id]) -> None:
+    """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others.
+
+    A `DataError` that names the `output` where the system fails to write it.
+    """
+    import h5py
+
+    with opened_hdf5(path) as (source, arrays), replacing(output) as temporary:
+        within, found = arrays.groups()
+        names = kept_of(found, ids, path)
+        try:
+            with h5py.File(temporary, "w") as new:
+                dropped = found.keys() - names
+                _copy(source, new, {"mask", within.strip("/")} if within else {"mask", *dropped})
+                if within:
+                    _copy(source[within], new.create_group(within), dropped)
+                if "total" in (about := new[within or "/"].attrs):
+                    about["total"] = sum(found[name].n_steps for name in names)
+                for key, one in arrays.arrays.items():
+                    if key.startswith("mask/") and one.shape:
+                        listed = [name for name in np.asarray(one[:]).tolist() if name.decode() in names]
+                        new[key] = np.array(listed, dtype="S")
+        except (OSError, RuntimeError) as error:  # of h5py, for the same cause
+            failed = _WRITE_FAILED.search(str(error))
+            if failed is None:
+                raise
+            raise cannot_be_written(output, os.strerror(int(failed[1]))) from error
+
+
+def _copy(group: h5py.Group, new: h5py.Group, without: Container[str]) -> None:
+    """Copy the attributes of a group and its members, but for links and those that are to be left out."""
+    import h5py
+
+    for name, value in group.attrs.items():
+        new.attrs[name] = value
+    for name in group:
+        if name not in without and isinstance(group.get(name, getlink=True), h5py.HardLink):
+            group.copy(name, new)
+
+
+def is_zarr(path: Path) -> bool:
+    """Whether ``meta/episode_ends`` is in the folder, or a file has a name that says that it is a ZIP file."""
+    is_zip = path.suffix.lower() == ZIP and path.is_file()
+    return is_zip or any((path / _ENDS / header).is_file() for header in (".zarray", "zarr.json"))
+
+
+@contextmanager
+def opened_zarr(path: Path, options: ColumnOptions) -> Iterator[Arrays]:
+    """The arrays of a replay buffer of diffusion policy: ``data/*`` end to end, and ``meta/episode_ends``.
+
+    Of images none is opened. A `DataError` where this is no such store, or it is damaged.
+    """
+    storage = optional("zarr.storage", "To read Zarr", "zarr")
+    with ExitStack() as stack:
+        if path.is_dir():
+            store, inside = storage.LocalStore(path), (file for file in path.rglob("*") if file.is_file())
+            files = {file.relative_to(path).as_posix(): file.stat().st_size for file in inside}
+        else:
+            stack.enter_context(guarded(path.name, "no ZIP file, or a damaged one", "copy or write it again"))
+            archive = stack.enter_context(held(path, lambda: zipfile.ZipFile(path), "ZIP"))
+            store = storage.ZipStore(path)  # which would open the file a second time
+            store._lock, store._zf, store._is_open = RLock(), archive, True
+            files = {info.filename: info.file_size for info in archive.infolist()}
+        headers = sorted(filter(_HEADER_FILE.fullmatch, files), key=lambda name: name.split("/"))
+        found = {name.rpartition("/")[0]: _array(store, files, path.name, name) for name in headers}
+        images = {name.removeprefix("data/"): why for name, why in found.items() if isinstance(why, str) and why}
+        arrays = {name.removeprefix("data/"): array for name, array in found.items() if isinstance(array, Closed)}
+        if _ENDS not in arrays:
+            remedy = "pack what is in the folder of Zarr, not the folder itself, or unpack the file where it holds none"
+            raise DataError(f"{path.name}: there is no {_ENDS} of numbers at the top of it; {remedy}.")
+        if not arrays.keys() - {_ENDS}:
+            there = ", ".join(images) or "nothing is there"
+            raise DataError(f"{path.name}: no array that can be read is in data ({there}); copy the data as well.")
+        yield Arrays(arrays, path.name, "Zarr replay buffer", options, unread=images)
+
+
+def _array(store: zarr.abc.store.Store, files: Mapping[str, int], where: str, header: str) -> Closed | str:
+    """An array of a store, whose rows are read when they are asked for; why it is not read; no text of a group."""
+    from zarr import Group, open
+
+    name = header.rpartition("/")[0]
+    with guarded(where := f"{where}: {name}", *_DAMAGED_HEADER), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of what in format 3 other libraries may not read
+        check_free(100 * files[header])  # bytes that JSON may take for each of its own
+        try:
+            array = open(store=store, path=name, mode="r", use_consolidated=False)
+        except Exception as error:  # of several types, where the codec is unknown
+            if _IMAGES in str(error):
+                return _CLOSED
+            raise
+        if isinstance(array, Group):
+            return ""
+        about, shape, dtype, chunks = array.metadata.to_dict(), array.shape, array.dtype, array.shards or array.chunks
+        assert math.prod(array.chunks), "chunks hold something"
+    codecs = json.dumps([about.get(part) for part in ("filters", "compressor", "codecs")], default=str)
+    names = {name.removeprefix("numcodecs.") for name in re.findall(r'"(?:id|name)": "([^"]*)"', codecs)}
+    if any(name.startswith(_IMAGES) for name in names):
+        return _CLOSED
+    unknown = [f"the codec {name[:60]!r}" for name in names - _CODECS]
+    if unknown or dtype.kind not in "biufSUTmM":
+        fault = f"is stored with {unknown[0] if unknown else dtype}, which is not read, because it may run code"
+        remedy = "store numbers or text with a codec such as blosc, zstd or gzip, or take the array out"
+        raise DataError(f"{where} {fault}; {remedy}.")
+    own = {file.removeprefix(f"{name}/"): n_bytes for file, n_bytes in files.items() if file.startswith(f"{name}/")}
+    check = cache(lambda: _check_chunks(array, chunks, own, where))
+
+    def rows_of(rows: slice) -> object:
+        first, stop, _ = rows.indices(shape[0])
+        with guarded(where):
+            check_free(dtype.itemsize * max(math.prod(chunks), (stop - first) * math.prod(shape[1:])))
+        check()
+        with guarded(where, *_DAMAGED_CHUNK):
+            return np.asarray(array[first:stop])
+
+    return Closed(shape, dtype, rows_of)
+
+
+def _check_chunks(array: zarr.Array, chunks: tuple[int, ...], files: Mapping[str, int], where: str) -> None:
+    """A `DataError` where chunks are missing, or a file holds more than filters make of a chunk: 8 bytes of one."""
+    grid = [-(-size // step) for size, step in zip(array.shape, chunks, strict=True)]
+    places = np.ndindex(*grid) if (n_chunks := math.prod(grid)) <= len(files) else ()
+    found = [files[key] for at in places if (key := array.metadata.encode_chunk_key(at)) in files]
+    if n_chunks > len(found):
+        fault = f"{n_chunks - len(found):,} of its {n_chunks:,} chunks are not there"
+        remedy = "copy it again, or write it with zarr.config.set({'array.write_empty_chunks': True})"
+        raise DataError(f"{where}: {fault}; {remedy}.")
+    most = 8 * array.dtype.itemsize * math.prod(chunks) + 4096 * (math.prod(chunks) // math.prod(array.chunks))
+    if array.dtype.kind != "T" and max(found, default=0) > most:
+        raise DataError(f"{where}: {'; '.join(_DAMAGED_CHUNK)}.")
