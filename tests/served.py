@@ -64,6 +64,16 @@ class Client:
         assert status == 200, content
         return json.loads(content)
 
+    def view(self):
+        """What the page that is shown now holds as data."""
+        status, _, content = self.ask("GET", "/")
+        assert status == 200, content
+        return json.loads(re.search(r'<script type="application/json">(.*?)</script>', content.decode(), re.DOTALL)[1])
+
+    def asked(self):
+        """The numbers of the demonstrations that the page asks about."""
+        return json.loads(re.search(r'data-asked="(.*?)"', self.ask("GET", "/")[2].decode())[1])
+
     def post(self, path, **given):
         """The status and the answer to what is posted."""
         status, _, content = self.ask("POST", path, given)

@@ -96,7 +96,10 @@ def test_an_interruption_leaves_the_answers(data, monkeypatch):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--labels", "l.json"], "unknown extension '.json' for labels; use one of .csv"),
+        (
+            ["--labels", "l.json"],
+            r"l\.json: answers are read from and written to CSV \(id,label\) here; give another --labels",
+        ),
         (["--labels", "nowhere/l.csv"], "there is no folder nowhere"),
         (["--adversary", "marginal"], "keeps nothing to learn from answers; leave out --adversary"),
         (["--labels", "bad.csv"], "bad.csv, '4' and '3': two answers contradict"),

@@ -75,6 +75,10 @@ def test_outcome_is_the_reason_where_it_decided() -> None:
     log_odds = np.array([3.0, 0.0, -3.0, -3.0, 4.0])
     known = {"anchor": "answers", "finding": "answered", "answers": answers, "log_odds": log_odds}
     steps = {"step_log_ratio": np.ones(100), "lengths": [20] * 5}
+    alone = known | {"answers": replace(answers, labels=np.zeros(5, dtype=int))}
+    assert make_audit(("open",) * 3 + ("bad",) * 2, **alone, **steps).reasons[3] == (
+        "Bad by the outcomes about others like it."
+    )
     assert make_audit(("good", "open", "bad", "bad", "good"), **known, **steps).reasons == (
         "Its outcome is among the highest.",
         "Its score is between those of good and bad ones.",

@@ -8,11 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from audits import make_audit
+from html_page import Page
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.inference.answers import Answers
 from rpil.results.answering import looking_order, stretch_of
 from rpil.results.facts import TWO_GROUPS
+from rpil.results.html.page import render_page
 from rpil.results.record import Audit, Demonstrator, Interval
 from rpil.results.view import About, make_view
 
@@ -82,15 +84,17 @@ def test_faults_are_folded_by_kind_and_point_to_their_demonstrations():
     findings = (fault("jump", "b", 2.0), fault("jump", "a", 9.0), fault("lag", "b", 5.0), fault("jump", "gone", 1.0))
     reasons = {"sign": "too few", "scale": "too few", "spike": "no columns"}
     report = FaultReport(findings, reasons, {}, {"lag": "a lag of 2 steps"}, {}, 2, 10)
-    found = view(make_audit(("open", "outlier"), ids=("a", "b")), faults=report)["faults"]
+    audit = make_audit(("open", "outlier"), ids=("a", "b"))
+    found = view(audit, faults=report)["faults"]
     assert [(kind["rule"], kind["n"]) for kind in found["kinds"]] == [("jump", 3), ("lag", 1)]
     assert found["found"]["demonstration"] == [0, 1, 1, None]
     assert found["found"]["sentence"][3] == "gone: x leaps"
-    assert found["not_checked"] == [
-        {"reason": "too few", "rules": ["sign", "scale"]},
-        {"reason": "no columns", "rules": ["spike"]},
-    ]
-    assert found["usual"] == ["a lag of 2 steps"]
+    assert found["first"] == [0, 1]
+    page = Page(render_page(audit, About("Audit of x", "x.csv", faults=report))).text
+    assert "2 demonstrations to look at first" not in page, "one of the three is not there any more"
+    assert "Usual: a lag of 2 steps." in page
+    assert "Not checked: sign, scale (too few)." in page
+    assert "Not checked: spike (no columns)." in page
 
 
 def test_groups_and_demonstrators():
@@ -98,14 +102,15 @@ def test_groups_and_demonstrators():
     note = f"{TWO_GROUPS}A has 4 demonstrations and B 6."
     changes = {"finding": "two groups", "competing": (tuple(ids[:4]), tuple(ids[4:])), "notes": ("A note.", note)}
     who = Demonstrator("ann", Interval(0.8, 0.5, 0.9), tuple(ids[:6]))
-    found = view(make_audit(("open",) * 10, ids=ids, demonstrators=(who,), **changes))
+    audit = make_audit(("open",) * 10, ids=ids, lengths=[9] * 10, demonstrators=(who,), **changes)
+    found = view(audit)
     assert found["demonstrations"]["group"] == ["A"] * 4 + ["B"] * 6
-    assert (found["notes"], found["differ"]) == (["A note."], [note])
-    assert found["demonstrators"][0]["counts"] == {"open": 6, "outlier": 0}
-    assert found["demonstrators"][0]["mean"] == 0.8
-    assert found["demonstrators"][0]["style"].endswith(" of the median length")
-    without = replace(who, trust=None)
-    assert view(make_audit(ids=ids, demonstrators=(without,)))["demonstrators"][0]["mean"] is None
+    page = Page(render_page(audit, About("Audit of x", "x.csv"))).text
+    assert page.count("A note.") == page.count(note) == 1
+    assert "ann 80 % (50–90) 6 6 0 1.00 of the median length" in page
+    assert page.index("Nobody can say yet whether a group is worse") < page.index(note) < page.index("Operators")
+    without = Page(render_page(replace(audit, demonstrators=(replace(who, trust=None),)), About("Audit of x", "x.csv")))
+    assert "ann 6 6 0 1.00 of the median length" in without.text
 
 
 def test_infinite_log_odds_are_numbers():

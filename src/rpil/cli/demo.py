@@ -19,7 +19,7 @@ from rpil.estimators.rpil import RPIL
 from rpil.numerics.types import Array, Float, Shaped
 from rpil.results.html.page import write_page
 from rpil.results.record import Audit
-from rpil.results.view import About, make_view
+from rpil.results.view import About
 from rpil.results.vocabulary import SIDES
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import Player, Returns, rollout
@@ -48,8 +48,8 @@ class DemoResult:
     def write_report(self, path: StrPath) -> None:
         """Write the audit of the people, and all comparisons with the truth, to `path` as one HTML file."""
         titles = "Compared with the truth", "A second set", "Returns of the policies"
-        view = make_view(self.people, About("Overcooked: real people", "cramped_room"))
-        write_page(path, view, tuple(zip(titles, self.sentences, strict=True)))
+        about = About("Overcooked: real people", "cramped_room")
+        write_page(path, self.people, about, tuple(zip(titles, self.sentences, strict=True)))
 
 
 def run(*, episodes: int = 100, seed: int = 0, progress: Callable[[str], None] = lambda _: None) -> DemoResult:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +30,6 @@ from rpil.data.held import holding
 from rpil.data.text import counted
 
 if TYPE_CHECKING:
-    from rpil.formats.recording import Recording
     from rpil.results.choice import Table
 
 
@@ -49,7 +46,7 @@ if TYPE_CHECKING:
     "--verdicts",
     type=click.Path(),
     metavar="FILE",
-    help="Verdicts or a list to keep that rpil wrote, or labels: keep by these, and judge nothing.",
+    help="Keep by this file and judge nothing: the table of rpil audit --verdicts, the list of --keep, or labels.",
 )
 @with_options(*CHOICE_OPTIONS, *JUDGE_OPTIONS)
 @holding()
@@ -73,19 +70,19 @@ def keep(
     source, given = find(file), RunOptions.of(options)
     source.check_output(output, given.columns)
     with show_stages(given.quiet) as progress:
-        audit, unnamed = None, set[str]()
+        from rpil.results.choice import choose, verdicts_about
+        from rpil.results.lost import lost_places
+
+        audit, named = None, set[str]()
         if verdicts is None:
             run = judge(file, given, progress)
             read, audit = run.recording, run.audit
             table: Table = audit.table()
         else:
             read = open_recording(file, replace(given.columns, allow_missing=True), progress)
-            table, unnamed = _verdicts_on(read, verdicts)
+            table, named = verdicts_about(verdicts, read.demonstrations.ids, read.ids)
         faults = look_for_faults(read, progress, True, given.without_faults) if given.without_faults else None
         asked = choice_asked(given, faults, share, at_least)
-        from rpil.results.choice import choose
-        from rpil.results.lost import lost_places
-
         choice = choose(table, asked)
         if not choice.kept:
             judged_by = f"the verdicts of {verdicts}" if verdicts else "the audit"
@@ -95,7 +92,7 @@ def keep(
         read.keep(choice.kept, output)
     tell_of_set_aside(read)
     click.echo(f"Kept {len(choice.kept):,} of {len(read.ids):,} demonstrations: {output}")
-    if n_unnamed := sum(str(name) in unnamed for name in choice.kept):
+    if n_unnamed := len({*map(str, choice.kept)} - named) * bool(verdicts):
         click.echo(f"{n_unnamed:,} of these are not named in {verdicts}: --only IDS keeps some alone.")
     print_lines(choice.lines())
     if not given.quiet:
@@ -103,26 +100,6 @@ def keep(
         lines = source.commands_to_keep(read.ids, choice.kept, output)
         more = ["These ids are kept; rpil convert with --only IDS writes a table of them."]
         print_lines([*look_at, *lost, *lines, *(more if source.is_list(output) and not lines else ())])
-
-
-def _verdicts_on(read: Recording, path: str) -> tuple[Table, set[str]]:
-    """The rows of a file of verdicts about the demonstrations that are read, and those that it does not name, which no
-    verdict rejects. Ids are compared as text."""
-    from rpil.data.id_values import check_ids
-    from rpil.results.choice import read_verdicts
-
-    table, ids = read_verdicts(path, read.ids), read.demonstrations.ids
-    check_ids(table["id"], read.ids, path, "the ids")
-    row = {str(name): k for k, name in enumerate(table["id"])}
-    if len(row) < len(table["id"]):
-        [(twice, _)] = Counter(map(str, table["id"])).most_common(1)
-        raise DataError(f"{path}: {twice!r} has two rows; leave one of them.")
-    nothing: dict[str, object] = {"verdict": "open", "log_odds": math.inf, "expert_proba": 1.0}
-    found: dict[str, list[object]] = {
-        column: [values[row[str(m)]] if str(m) in row else nothing.get(column, "") for m in ids]
-        for column, values in table.items()
-    }
-    return {**found, "id": ids}, {*map(str, ids)} - {*row}
 
 
 @click.command()

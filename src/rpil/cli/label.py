@@ -39,7 +39,7 @@ MAX_QUESTIONS = 8
 
 LABELS_FILE = "labels.csv"
 
-WITHOUT = "labels", "quiet", "port", "browser"
+WITHOUT = "labels", "quiet", "memory", "port", "browser"
 """Options that an audit with the answers does not need, or does not have."""
 
 BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.parquet"}
@@ -52,9 +52,8 @@ def begin(file: str, options: dict[str, Value], most: int | None) -> tuple[Audit
     given = RunOptions.of(options)
     path = given.labels or LABELS_FILE
     check_paths((file, *given.columns.files), path)
-    from rpil import formats
-
-    formats.check_labels_file(path)
+    if Path(path).suffix.lower() != ".csv":
+        raise DataError(f"{path}: answers are read from and written to CSV (id,label) here; give another --labels.")
     if is_dangling(path):
         raise DataError(f"{path}: it is a link that leads to nothing; remove it, or give another file of labels.")
     before = Path(path).read_bytes() if Path(path).exists() else None

@@ -68,7 +68,7 @@ def info(ctx: click.Context, /, file: str, form: str, **options: Any) -> None:
         terminal.print_lines(recording.description.lines())
     recording.demonstrations  # noqa: B018  # what cannot be audited is an error
     if form == "text":
-        words = command_words(ctx, "audit", without=())
+        words = command_words(ctx, "audit", without=("memory",))
         operator = recording.description.operator_column
         more = ["--operator", operator] if operator and columns.operator is None else []
         click.echo(f"\nNext: {shlex.join([*words, *more])}")

@@ -35,7 +35,6 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: Stag
         from rpil.formats.registry import find
         from rpil.results.choice import write_kept, write_verdicts
         from rpil.results.html.page import write_page
-        from rpil.results.view import make_view
 
         progress(f"writing {path}")
         if title == "weights":
@@ -52,7 +51,7 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: Stag
             if not run.choice.kept:
                 warnings.warn(f"{path}: it lists no demonstration, because all are rejected.", stacklevel=1)
         elif title == "report":
-            write_page(path, make_view(audit, about(run)))
+            write_page(path, audit, about(run))
         else:
             table, names = audit.table(), {"verdict": "verdict", "score": "log_odds", "rejected_by": "rejected_by"}
             ids = [*map(str, audit.ids)]
@@ -63,7 +62,7 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: Stag
 def about(run: AuditRun) -> About:
     """What the report shows beside the audit."""
     from rpil.data.privacy import for_others
-    from rpil.results.view import About
+    from rpil.results.view import About, no_faults
 
     read, lerobot = run.recording.description, run.recording.description.format.startswith("LeRobot")
     hub, source = re.match(r"hf://datasets/([\w.-]+/[\w.-]+)", run.source), for_others(run.source)
@@ -72,7 +71,7 @@ def about(run: AuditRun) -> About:
         source=source,
         read=tuple(map(for_others, read.short())),
         lost=run.lost,
-        faults=run.faults,
+        faults=run.faults or no_faults(),
         tasks=run.recording.tasks,
         demonstrators=run.demonstrators,
         lerobot=lerobot,

@@ -56,7 +56,7 @@ def headline(audit: AuditResult, most: int = MAX_IDS, named: Callable[[Hashable]
     if audit.finding == "answered":
         sizes = ((one, size) for one, size in counts.items() if size and one != "outlier")
         said = (numbered(size, one) + f" ({names.get(one)})" * (one in names) for one, size in sizes)
-        return f"By your answers: {', '.join(said)}."
+        return f"By {audit.told}: {', '.join(said)}."
     if audit.finding in ACTING and below:
         n = counts[below[0]]
         some = f"{n:,} of {len(audit.ids):,} act{'s' * (n == 1)} {ACTING[audit.finding]}"

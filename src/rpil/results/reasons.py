@@ -123,7 +123,7 @@ def _by_answers(audit: Judged, m: int, answers: Answers, said: str) -> str:
         values, upper = answers.outcomes[:, 0], verdict == vocabulary.upper
         if values[m] > np.nanmedian(values) if upper else values[m] < np.nanmedian(values):
             return f"Its outcome is among the {'highest' if upper else 'lowest'}"
-    return f"{verdict.capitalize()} by your answers about others like it"
+    return f"{verdict.capitalize()} by {audit.told} about others like it"
 
 
 def _by_finding(audit: Judged, group: str, above: float) -> str:

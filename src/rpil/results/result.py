@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from scipy.special import expit
 
+from rpil.data.errors import DataError
 from rpil.data.run import run_id
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
@@ -119,21 +120,8 @@ class AuditResult(Judged):
         columns = {name: tuple(np.asarray(column).tolist()) for name, column in shown.items() if len(column)}
         return known_facts(self.columns, self.lengths, self.order) | columns
 
-    @property
-    def question(self) -> str | None:
-        """The question whose answer would say most, "which is better?", and where to look; None after an answer."""
-        return answering.question(self)
-
-    def suggest_labels(self, k: int = 3) -> tuple[Hashable, ...]:
-        """Ids of up to `k` demonstrations without a label whose labels would say most, the best first; see
-        `rpil.results.answering.suggest`.
-
-        Raises
-        ------
-        DataError
-            If `k` is not positive.
-        """
-        return answering.suggest(self, k)
+    question = property(answering.question)
+    suggest_labels = answering.suggest_labels
 
     def answered(
         self,
@@ -154,10 +142,15 @@ class AuditResult(Judged):
         Raises
         ------
         DataError
-            If an id or a label is unknown, or answers contradict each other.
+            If an id or a label is unknown, answers contradict each other, or none is left.
         """
         had = replace(self, answers=self.answers.unsaid) if instead else self
-        return answering.with_answers(self, answering.merged(had, labels or {}, pairs))
+        known = answering.merged(had, labels or {}, pairs)
+        if not known.count and self.anchor == "answers":
+            raise DataError(
+                "No answer would be left; take the audit before answered(), or call rpil.audit without any."
+            )
+        return answering.with_answers(self, known)
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
         """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""

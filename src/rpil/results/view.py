@@ -1,29 +1,26 @@
-"""The view: all that the page of an audit draws, as one dict of numbers, text, lists and dicts.
+"""The view: all that the script of the page of an audit draws, as one dict of numbers, text, lists and dicts.
 
 The report holds it, and a review shows it. Demonstrations are numbered by their place in the data, from 0 on; M are all
 of them. Keys with the name of a field of `About` or `Audit` are this field; ids are numbers of demonstrations there.
 The others are:
 
-run, finding, vocabulary
-    The run id; name, sentence, next (what to do) and decided (whether there are verdicts); words and threshold of P.
-sides, counts, share
-    The side of each verdict in use, its number of demonstrations, and the share of the upper one (mean, low, high).
+run, probability
+    The run id, and what P is called.
+sides, counts
+    The side of each verdict in use, and its number of demonstrations.
 question, pair
     The question, or ""; the two demonstrations that it is about, or none.
 answers
     The labels and pairs that were given: [demonstration, "good", "bad", "better than ID" or "same as ID"].
 demonstrations
     Columns of M, by the names of `AuditResult.table` and: p (None where the place is shown in its stead), evidence
-    (dict of columns), low and high (of the reliability), worst (lists of steps), stretch (the first and the last of the
-    worst steps in a row, or None), group ("A", "B" or ""), session, order, facts (dict of columns), kept.
-whole_ids, n_review, differ
-    Whether the ids are whole numbers; how many to look at first; how the groups A and B differ.
-demonstrators
-    For each name, mean, low, high (trust; None without answers), n (demonstrations), counts (of verdicts) and style.
+    (dict of columns), worst (lists of steps), stretch (the first and the last of the worst steps in a row, or None),
+    group ("A", "B" or ""), session, order, facts (dict of columns), kept.
+whole_ids, n_review
+    Whether the ids are whole numbers; how many to look at first.
 faults
     Recording faults: kinds (of each rule, words and n), found (columns rule, demonstration or None, sentence;
-    the worst first), n_odd (demonstrations), first (the worst of some of them, numbers of found), beside (sentences on
-    files and videos), not_checked (of each reason, rules), usual (sentences).
+    the worst first), first (the worst of some demonstrations, numbers of found).
 drawings
     For the first in the order of looking, by number as text. In P points, of which point k begins at
     step ``k * n_steps // P``: ratio (min, mean, max of the log-ratios), trust (mean of the trust in the steps), parts
@@ -35,20 +32,16 @@ from __future__ import annotations
 
 import base64
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from rpil.data.text import MAX_IDS
 from rpil.faults.report import RULES, FaultReport
-from rpil.inference.findings import DECIDED
 from rpil.numerics.types import Array, Int
 from rpil.results import answering
 from rpil.results.choice import choose
-from rpil.results.facts import TWO_GROUPS
 from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
-from rpil.results.overview import headline
 from rpil.results.result import MAX_LOG_ODDS, AuditResult
 from rpil.results.vocabulary import SIDES
 
@@ -66,6 +59,11 @@ NO_VALUE = 255
 View = dict[str, object]
 
 
+def no_faults() -> FaultReport:
+    """The faults of an audit whose recording was not looked through for any."""
+    return FaultReport((), {}, {}, {}, {}, 0, 0)
+
+
 @dataclass(frozen=True, eq=False)
 class About:
     """What the page of an audit shows beside the audit."""
@@ -75,7 +73,7 @@ class About:
     """The name of the data."""
     read: tuple[str, ...] = ()
     lost: tuple[str, ...] = ()
-    faults: FaultReport | None = None
+    faults: FaultReport = field(default_factory=no_faults)
     tasks: Mapping[str, str] = field(default_factory=dict)
     """By ids as text, as `demonstrators`."""
     demonstrators: Mapping[str, str] = field(default_factory=dict)
@@ -83,64 +81,28 @@ class About:
     hub: str = ""
 
 
-def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN, named: int = MAX_IDS) -> View:
-    """The view of an audit, with drawings of the `drawn` first in the order of looking, `named` ids in its finding."""
+def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
+    """The view of an audit, with drawings of the `drawn` first in the order of looking."""
     order, n_review = answering.looking_order(audit)
-    asked = answering.is_asked(audit)
-    places = {name: m for m, name in enumerate(audit.ids)}
+    places, counts = {name: m for m, name in enumerate(audit.ids)}, audit.verdict_counts()
     return {
         "run": audit.run_id,
-        "title": about.title,
-        "source": about.source,
-        **_finding(audit, named),
-        "question": answering.question(audit) or "",
-        "pair": [places[name] for name in audit.pair] if asked else [],
-        "doubts": list(audit.doubts),
-        "notes": [note for note in audit.notes if TWO_GROUPS not in note],
-        "differ": [note for note in audit.notes if TWO_GROUPS in note],
-        "assumptions": list(audit.assumptions),
-        "lost": list(about.lost),
-        "read": list(about.read),
+        "probability": audit.vocabulary.probability,
+        "sides": {verdict: SIDES[verdict] for verdict in counts},
+        "counts": counts,
+        "question": audit.question or "",
+        "pair": [places[name] for name in audit.pair] if audit.question else [],
         "contradicting": [places[name] for name in audit.contradicting],
         "answers": _answers(audit),
         "demonstrations": _columns(audit, about, order),
         "whole_ids": all(isinstance(name, int) for name in audit.ids),
         "n_review": n_review,
-        "demonstrators": [
-            {"name": str(one.name), **(asdict(one.trust) if one.trust else dict.fromkeys(("mean", "low", "high")))}
-            | {"n": len(one.demonstrations), "counts": audit.verdict_counts(one.demonstrations)}
-            | {"style": audit.style(one)}
-            for one in audit.demonstrators
-        ],
-        "faults": _faults(audit, about.faults),
+        "faults": _faults(places, about.faults),
         "fps": audit.fps,
         "lerobot": about.lerobot,
         "hub": about.hub,
         "provenance": {} if audit.provenance is None else audit.provenance.to_dict(),
         "drawings": drawings(audit, order[:drawn]),
-    }
-
-
-def _finding(audit: AuditResult, named: int) -> View:
-    """What the audit says as a whole."""
-    vocabulary, finding = audit.vocabulary, audit.finding
-    counts = audit.verdict_counts()
-    return {
-        "finding": {
-            "name": finding,
-            "sentence": headline(audit, named),
-            "next": answering.NEXT_STEPS[finding],
-            "decided": finding in DECIDED or {*audit.verdicts} != {"open"},
-        },
-        "vocabulary": {
-            **{name: getattr(vocabulary, name) for name in ("upper", "lower", "probability")},
-            "meaning": vocabulary.explanation,
-            "threshold": audit.settings.min_proba(audit.anchor),
-        },
-        "sides": {verdict: SIDES[verdict] for verdict in counts},
-        "counts": counts,
-        "share": asdict(audit.prior),
-        "adversary": audit.adversary,
     }
 
 
@@ -187,32 +149,23 @@ def _significant(values: Array) -> list[float]:
     return [significant(value) for value in bounded]
 
 
-def _faults(audit: AuditResult, report: FaultReport | None) -> View:
-    """The recording faults."""
-    if report is None:
-        return {"kinds": [], "found": {}, "n_odd": 0, "first": [], "beside": [], "not_checked": [], "usual": []}
-    places = {str(name): m for m, name in enumerate(audit.ids)}
+def _faults(places: Mapping[Hashable, int], report: FaultReport) -> View:
+    """The recording faults of the demonstrations at these `places`."""
     found = report.findings[:MAX_FOUND]
-    worst: dict[int | None, int] = {}
-    for k, one in enumerate(found):
-        worst.setdefault(places.get(str(one.id)), k)
+    numbers = {str(name): m for name, m in places.items()}
+    at = [numbers.get(str(one.id)) for one in found]
+    named = ((one, one.id == "" or m is not None) for one, m in zip(found, at, strict=True))
     return {
-        "n_odd": len(report.odd),
-        "first": [k for m, k in worst.items() if m is not None][:MAX_FIRST],
-        "beside": [one.sentence for one in found if one.id == ""][:MAX_FIRST],
+        "first": [at.index(m) for m in dict.fromkeys(at) if m is not None][:MAX_FIRST],
         "kinds": [
             {"rule": rule, "words": RULES[rule].words, "n": count}
             for rule, count in sorted(report.counts.items(), key=lambda item: -item[1])
         ],
         "found": {
             "rule": [one.rule for one in found],
-            "demonstration": [places.get(str(one.id)) for one in found],
-            "sentence": [
-                one.sentence if one.id == "" or str(one.id) in places else f"{one.id}: {one.sentence}" for one in found
-            ],
+            "demonstration": at,
+            "sentence": [one.sentence if is_known else f"{one.id}: {one.sentence}" for one, is_known in named],
         },
-        "not_checked": [{"reason": reason, "rules": rules} for reason, rules in report.reasons.items()],
-        "usual": list(report.usual.values()),
     }
 
 

@@ -20,7 +20,7 @@ from rpil.results.html.page import write_page
 from rpil.results.judged import TracedPart, Traces
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit, Demonstrator
-from rpil.results.view import About, make_view
+from rpil.results.view import About
 
 pytestmark = [pytest.mark.slow, needs_chromium]
 
@@ -56,7 +56,7 @@ def write(path: Path, audit: Audit, **about: object) -> Path:
         "faults": FaultReport(findings, {}, {}, {}, {}, n, 99),
         "demonstrators": {str(name): ("ann", "bob")[m % 2] for m, name in enumerate(audit.ids)},
     }
-    write_page(path, make_view(audit, About("An audit", **(given | about))))
+    write_page(path, audit, About("An audit", **(given | about)))
     return path
 
 

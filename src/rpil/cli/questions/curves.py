@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -51,9 +50,9 @@ class Recorded:
             for k, name in enumerate(names)
         ]
 
-    def curves(self, name: Hashable) -> list[View]:
-        """The columns of the demonstration with this id, each packed by itself; of classes their numbers."""
-        one, curves = self.data.select([self.data.ids.index(name)]), []
+    def curves(self, m: int) -> list[View]:
+        """The columns of demonstration `m`, each packed by itself; of classes their numbers."""
+        one, curves = self.data.select([m]), []
         for k, column in enumerate(self.columns):
             values = self._values(one, k)
             curves.append(

@@ -50,12 +50,14 @@ class EpisodeVideos:
             return cls(top, fps, shots, False, str(error) if shots else NOT_THERE)
         return cls(top, fps, shots, bool(shots), "" if shots else NOT_THERE)
 
-    def cameras(self, m: int) -> list[dict[str, object]]:
-        """The name of each camera that saw demonstration `m`, and where in its file: seconds, and None for the end."""
-        return [
+    def of_one(self, m: int) -> dict[str, object]:
+        """The videos of demonstration `m`: the camera, and where in its file in seconds; whether single frames can be
+        shown; and the note."""
+        found = [
             {"camera": shot.camera, "start": shot.start, "end": min(shot.end, shot.start + shot.n_rows / self.fps)}
             for shot in self.shots.get(m, ())
         ]
+        return {"videos": found, "frames": self.has_frames, "note": self.note}
 
     def file(self, m: int, camera: int) -> Path:
         """The file in which a camera saw demonstration `m`; a `DataError` where there is none, or it lies elsewhere."""

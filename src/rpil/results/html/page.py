@@ -13,9 +13,18 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from rpil.data.files import replacing
-from rpil.data.text import counted, printable
-from rpil.results.view import View
+from rpil.data.text import MAX_IDS, counted, printable
+from rpil.inference.findings import DECIDED
+from rpil.results.answering import NEXT_STEPS
+from rpil.results.facts import TWO_GROUPS
+from rpil.results.overview import headline
+from rpil.results.result import AuditResult
+from rpil.results.view import About, View, make_view
 from rpil.results.vocabulary import numbered
+
+Sections = Sequence[tuple[str, str | Markup]]
+Live = tuple[View, Markup, Markup]
+"""Of a page that asks its server: the view, what stands below the heading, and the script."""
 
 _UNSAFE_IN_SCRIPT = {ord(character): f"\\u{ord(character):04x}" for character in "<>&"}
 
@@ -67,20 +76,23 @@ def _plain(value: object) -> str:
     return "; ".join(map(_plain, value)) if isinstance(value, list | tuple) else str(value)
 
 
-def render_page(
-    view: View, sections: Sequence[tuple[str, str | Markup]] = (), top: Markup = Markup(""), live: str = ""
-) -> str:
-    """The view of an audit as one self-contained HTML page.
+def render_page(audit: AuditResult, about: About, sections: Sections = (), live: Live | None = None) -> str:
+    """An audit as one self-contained HTML page.
 
-    Below its table stand `sections` of a heading and a body, which is `Markup` or is escaped; below its heading `top`.
-    `live` is the script of a page that asks its server; without one a page asks nobody.
+    Below its table stand `sections` of a heading and a body, which is `Markup` or is escaped. A page that is `live`
+    asks its server, and names nobody beside the question; any other asks nobody.
     """
     template = html_environment("rpil.results", "html").get_template("page.html")
-    return template.render(view=view, sections=sections, top=top, live=Markup(live))
+    view, top, script = live or (make_view(audit, about), Markup(""), Markup(""))
+    sentence, next_step = headline(audit, 0 if live else MAX_IDS), NEXT_STEPS[audit.finding]
+    decided = audit.finding in DECIDED or {*audit.verdicts} != {"open"}
+    given = {"audit": audit, "about": about, "view": view, "sections": sections, "top": top, "live": script}
+    differ = [note for note in audit.notes if TWO_GROUPS in note]
+    return template.render(**given, sentence=sentence, next_step=next_step, decided=decided, differ=differ)
 
 
-def write_page(path: str | os.PathLike[str], view: View, sections: Sequence[tuple[str, str | Markup]] = ()) -> None:
+def write_page(path: str | os.PathLike[str], audit: AuditResult, about: About, sections: Sections = ()) -> None:
     """Write the page of `render_page` to `path`, which is replaced only once the new page is complete."""
-    page = render_page(view, sections)
+    page = render_page(audit, about, sections)
     with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", errors="backslashreplace") as stream:
         stream.write(page)
