@@ -15,13 +15,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rpil.cli.questions.material import EpisodeVideos
 from rpil.cli.questions.security import Gate
 from rpil.cli.questions.server import Review, application, listen, load_server
 from rpil.cli.questions.session import Session
-from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import MissingExtraError
-from rpil.results.view import About
+from rpil.results.html.page import About
 
 
 def need_server():

@@ -27,11 +27,10 @@ from rpil.inference.answers import Answers
 from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.numerics.blocks import add
 from rpil.numerics.types import Array, Float
-from rpil.results.html.page import render_page
+from rpil.results.html.page import About, make_view, render_page
 from rpil.results.judged import of_each
 from rpil.results.record import Audit
 from rpil.results.tasks import first_of, join_audits
-from rpil.results.view import About, make_view
 from rpil.scale.protocol import Engine, Shards
 from small import small_rpil
 

@@ -21,10 +21,9 @@ from browser import Browser, browsing
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.results.answering import looking_order
-from rpil.results.html.page import write_page
+from rpil.results.html.page import About, write_page
 from rpil.results.judged import MAX_DRAWN, MAX_POINTS, TracedPart, Traces
 from rpil.results.record import Audit
-from rpil.results.view import About
 
 RUNS = 5
 

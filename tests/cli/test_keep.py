@@ -73,7 +73,7 @@ def test_keep_by_labels_keeps_what_has_no_label(folder):
 
 
 def test_keep_refuses_before_it_judges(folder, monkeypatch):
-    monkeypatch.setattr("rpil.cli.keep.judge", lambda *_: pytest.fail("judged"))
+    monkeypatch.setattr("rpil.cli.commands.judge", lambda *_: pytest.fail("judged"))
     data = folder / "good.parquet"
     Path("there").mkdir()
     Path("all_bad.csv").write_text("id,label\n" + "".join(f"{m},bad\n" for m in range(12)))

@@ -25,7 +25,7 @@ from rpil.results.answering import (
     verdicts_of,
     where_to_look,
 )
-from rpil.results.facts import TWO_GROUPS
+from rpil.results.reasons import TWO_GROUPS
 from rpil.results.record import Demonstrator, Interval
 from rpil.results.vocabulary import VOCABULARIES
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rpil.inference.channels import CHANNELS, normal_scores
-from rpil.results.facts import RANKS, groups_differ, in_words, known_facts, style_in_words
+from rpil.results.reasons import RANKS, groups_differ, in_words, known_facts, style_in_words
 
 UNKNOWN, LENGTHS = np.empty((4, 0)), np.array([5, 9, 9, 8])
 

@@ -13,10 +13,9 @@ from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.inference.answers import Answers
 from rpil.results.answering import looking_order, stretch_of
-from rpil.results.facts import TWO_GROUPS
-from rpil.results.html.page import render_page
+from rpil.results.html.page import About, make_view, render_page
+from rpil.results.reasons import TWO_GROUPS
 from rpil.results.record import Audit, Demonstrator, Interval
-from rpil.results.view import About, make_view
 
 
 def view(audit: Audit, **about):

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rpil.cli import terminal
-from rpil.cli.commands import check_paths, judge, look_for_faults
+from rpil.cli import commands, terminal
 from rpil.cli.label import LABELS_FILE
 from rpil.cli.options import (
     CHOICE_NAMES,
@@ -22,7 +21,6 @@ from rpil.cli.options import (
     verdict_limit,
     with_options,
 )
-from rpil.cli.outputs import OUTPUTS, choice_asked, lines_after_output, tell_if_too_many, write_outputs
 from rpil.cli.printed_audit import head_lines, next_steps, print_audit
 from rpil.cli.terminal import show_stages
 
@@ -74,37 +72,32 @@ def audit(
 
     No policy is kept: with --features auto none are chosen for one, and the verdicts are those of rpil fit.
     """
-    outputs = {title: options.pop(title) for title in OUTPUTS}
+    outputs = {title: options.pop(title) for title in commands.OUTPUTS}
     if outputs["keep"] is None and any(options[name] for name in CHOICE_NAMES):
         raise click.UsageError("--ignore and --without-faults say what --keep lists: give --keep OUT.json")
     with show_stages(bool(options["quiet"])) as progress:
         given = RunOptions.of(options, guess=fail_on is None and outputs["keep"] is None)
         files = (path for title, path in outputs.items() if title != "annotate")
-        check_paths((file, given.labels, given.reference, *given.columns.files), *files)
+        commands.check_paths((file, given.labels, given.reference, *given.columns.files), *files)
         if outputs["annotate"] is not None:
             from rpil.formats.registry import find
 
             find(file).check_annotate(outputs["annotate"])
-        run = judge(file, given, progress)
-        recording, faults = run.recording, look_for_faults(run.recording, progress, rules=given.without_faults)
-        run = replace(run, faults=faults, asked=choice_asked(given, faults) if outputs["keep"] else None)
-        write_outputs(outputs, run, progress)
+        run = commands.judge(file, given, progress)
+        recording, faults = run.recording, commands.look_for_faults(run.recording, progress, rules=given.without_faults)
+        run = replace(run, faults=faults, asked=commands.choice_asked(given, faults) if outputs["keep"] else None)
+        commands.write_outputs(outputs, run, progress)
     result = run.audit
     if form == "json":
-        click.echo(
-            terminal.to_json(
-                terminal.schema("audit")
-                | {"run": result.run_id, "input": recording.description.to_dict()}
-                | result.to_dict()
-                | {"faults": faults.to_dict(), "keep": run.choice.to_dict()}
-            )
-        )
+        of_data = {"run": result.run_id, "input": recording.description.to_dict()}
+        beside = {"faults": faults.to_dict(), "keep": run.choice.to_dict()}
+        click.echo(terminal.to_json("audit", of_data | result.to_dict() | beside))
     elif form != "text":
         from rpil.cli import exchange
         from rpil.results.overview import headline
 
         found = [*exchange.of_audit(result), *exchange.of_faults(faults.findings)]
-        click.echo(exchange.written(form, found, file, ("rpil audit", headline(result))))
+        click.echo(exchange.written(form, found, file, "rpil audit", headline(result)))
     else:
         within = terminal.fit(result.assumptions[0], terminal.line_width(), 2) if result.within else ()
         head = recording.description.short() if all_rows else head_lines(recording.description)
@@ -113,8 +106,8 @@ def audit(
         if path is not None:
             click.echo(f"{title.capitalize()}: {path}", err=form != "text")
             if form == "text" and not given.quiet:
-                terminal.print_lines(lines_after_output(title, path, run))
-    return tell_if_too_many(result, fail_on)
+                terminal.print_lines(commands.lines_after_output(title, path, run))
+    return commands.tell_if_too_many(result, fail_on)
 
 
 def closing_lines(ctx: click.Context, audit: Audit) -> list[str]:

@@ -7,13 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rpil.cli.commands import (
-    check_paths,
-    judge,
-    look_for_faults,
-    open_recording,
-    tell_of_set_aside,
-)
+from rpil.cli import commands
 from rpil.cli.options import (
     CHOICE_OPTIONS,
     COLUMN_OPTIONS,
@@ -23,7 +17,6 @@ from rpil.cli.options import (
     quiet_option,
     with_options,
 )
-from rpil.cli.outputs import choice_asked, look_lines
 from rpil.cli.terminal import print_lines, show_stages
 from rpil.data.errors import DataError
 from rpil.data.held import holding
@@ -75,14 +68,14 @@ def keep(
 
         audit, named = None, set[str]()
         if verdicts is None:
-            run = judge(file, given, progress)
+            run = commands.judge(file, given, progress)
             read, audit = run.recording, run.audit
             table: Table = audit.table()
         else:
-            read = open_recording(file, replace(given.columns, allow_missing=True), progress)
+            read = commands.open_recording(file, replace(given.columns, allow_missing=True), progress)
             table, named = verdicts_about(verdicts, read.demonstrations.ids, read.ids)
-        faults = look_for_faults(read, progress, True, given.without_faults) if given.without_faults else None
-        asked = choice_asked(given, faults, share, at_least)
+        faults = commands.look_for_faults(read, progress, True, given.without_faults) if given.without_faults else None
+        asked = commands.choice_asked(given, faults, share, at_least)
         choice = choose(table, asked)
         if not choice.kept:
             judged_by = f"the verdicts of {verdicts}" if verdicts else "the audit"
@@ -90,13 +83,13 @@ def keep(
         lost = () if given.quiet else lost_places(read.demonstrations, choice.kept)
         progress(f"writing {output}")
         read.keep(choice.kept, output)
-    tell_of_set_aside(read)
+    commands.tell_of_set_aside(read)
     click.echo(f"Kept {len(choice.kept):,} of {len(read.ids):,} demonstrations: {output}")
     if n_unnamed := len({*map(str, choice.kept)} - named) * bool(verdicts):
         click.echo(f"{n_unnamed:,} of these are not named in {verdicts}: --only IDS keeps some alone.")
     print_lines(choice.lines())
     if not given.quiet:
-        look_at = () if audit is None else look_lines(audit, choice, faults)
+        look_at = () if audit is None else commands.look_lines(audit, choice, faults)
         lines = source.commands_to_keep(read.ids, choice.kept, output)
         more = ["These ids are kept; rpil convert with --only IDS writes a table of them."]
         print_lines([*look_at, *lost, *lines, *(more if source.is_list(output) and not lines else ())])
@@ -120,8 +113,8 @@ def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
         from rpil import formats
 
         formats.writer_of(output)
-        check_paths((file, operator), output)
-        recording = open_recording(file, columns, progress)
+        commands.check_paths((file, operator), output)
+        recording = commands.open_recording(file, columns, progress)
         demonstrations = recording.demonstrations.select(slice(None))  # in memory
         operators = formats.read_demonstrators(operator, recording) if operator else dict(recording.operators)
         about = {"operator": operators, "task": recording.tasks}
@@ -129,7 +122,7 @@ def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
         truth = {what: [str(of.get(m, "")) for m in ids] for what, of in about.items() if of}
         progress(f"writing {output}")
         formats.write(output, demonstrations, truth)
-    tell_of_set_aside(recording)
+    commands.tell_of_set_aside(recording)
     n = len(demonstrations)
     size = f"{counted(n, 'demonstration')}, {demonstrations.n_steps:,} steps"
     click.echo(f"{size}: {output}")

@@ -11,7 +11,6 @@ import click
 from rpil.cli import commands, terminal
 from rpil.cli.audit import audit, closing_lines
 from rpil.cli.check import check
-from rpil.cli.commands import Commands, check_paths
 from rpil.cli.keep import convert, keep
 from rpil.cli.label import label, review
 from rpil.cli.options import (
@@ -31,7 +30,9 @@ from rpil.cli.printed_audit import finding_lines, verdict_sentence
 from rpil.cli.terminal import LOADING, show_stages
 
 
-@click.group("rpil", Commands, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    "rpil", commands.Commands, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]}
+)
 @click.version_option(package_name="rpil")
 @click.pass_context
 def main(ctx: click.Context, /) -> None:
@@ -63,7 +64,7 @@ def info(ctx: click.Context, /, file: str, form: str, **options: Any) -> None:
     columns = pop_columns(options, guess=True)
     recording = commands.open_recording(file, columns, lambda _: None)
     if form == "json":
-        click.echo(terminal.to_json(recording.description.to_dict()))
+        click.echo(terminal.to_json("", recording.description.to_dict()))
     else:
         terminal.print_lines(recording.description.lines())
     recording.demonstrations  # noqa: B018  # what cannot be audited is an error
@@ -84,7 +85,7 @@ def info(ctx: click.Context, /, file: str, form: str, **options: Any) -> None:
 def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     """Learn a policy from the demonstrations that can be trusted."""
     run = RunOptions.of(options)
-    check_paths((file, run.labels, *run.columns.files), output)
+    commands.check_paths((file, run.labels, *run.columns.files), output)
     with show_stages(run.quiet) as progress:
         recording = commands.open_recording(file, run.columns, progress)
         progress(LOADING)
@@ -112,7 +113,7 @@ def demo(episodes: int, output: str, seed: int, quiet: bool) -> None:
 
     One is of people who play a cooking game, the other of a lunar lander.
     """
-    check_paths((), output)
+    commands.check_paths((), output)
     with show_stages(quiet) as progress:
         from rpil.cli.demo import run
 

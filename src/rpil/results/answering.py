@@ -20,9 +20,8 @@ from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.inference.groups import expert_share_interval
 from rpil.inference.witnesses import Witnesses
 from rpil.numerics.types import Array, Float, Int
-from rpil.results.facts import TWO_GROUPS
 from rpil.results.judged import Demonstrator, Interval, Judged
-from rpil.results.reasons import NEARLY_ALL, span, worst_stretch
+from rpil.results.reasons import NEARLY_ALL, TWO_GROUPS, span, worst_stretch
 from rpil.results.step_weights import weights_of
 from rpil.results.vocabulary import SIDES, VOCABULARIES, Verdict
 

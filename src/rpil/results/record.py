@@ -164,8 +164,7 @@ class Audit(AuditResult):
         DataError
             If the path cannot be written.
         """
-        from rpil.results.html.page import write_page
-        from rpil.results.view import About
+        from rpil.results.html.page import About, write_page
 
         write_page(path, self, About(title, IN_MEMORY))
 

@@ -20,9 +20,8 @@ from rpil.data.run import run_id
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id
-from rpil.results.facts import Fact, known_facts, style_in_words
 from rpil.results.judged import Demonstrator, Judged
-from rpil.results.reasons import GivenLabel, reasons_of
+from rpil.results.reasons import Fact, GivenLabel, known_facts, reasons_of, style_in_words
 from rpil.results.vocabulary import SIDES, WORSE
 
 if TYPE_CHECKING:
@@ -114,7 +113,7 @@ class AuditResult(Judged):
 
     @cached_property
     def facts(self) -> dict[str, tuple[Fact, ...]]:
-        """Facts about each demonstration by name, which change no verdict: `rpil.results.facts.known_facts`, and the
+        """Facts about each demonstration by name, which change no verdict: `rpil.results.reasons.known_facts`, and the
         fields that are shown."""
         shown = {one.metadata["shown"]: getattr(self, one.name) for one in fields(self) if one.metadata.get("shown")}
         columns = {name: tuple(np.asarray(column).tolist()) for name, column in shown.items() if len(column)}

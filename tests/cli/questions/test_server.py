@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 import lerobot_folders
+from rpil.cli.questions.material import EpisodeVideos
 from rpil.cli.questions.server import load_server
-from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.errors import MissingExtraError
 from rpil.data.id_values import read_answers
-from rpil.results.view import make_view
+from rpil.results.html.page import make_view
 from served import need_server, review_of, serving
 
 need_server()

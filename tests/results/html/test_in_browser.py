@@ -16,11 +16,10 @@ from browser import Browser, browsing, needs_chromium
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.results.answering import looking_order
-from rpil.results.html.page import write_page
+from rpil.results.html.page import About, write_page
 from rpil.results.judged import TracedPart, Traces
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit, Demonstrator
-from rpil.results.view import About
 
 pytestmark = [pytest.mark.slow, needs_chromium]
 

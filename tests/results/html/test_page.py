@@ -15,11 +15,10 @@ from markupsafe import Markup
 from audits import make_audit
 from html_page import Page
 from rpil.inference.settings import AnswerSettings, JudgeSettings
-from rpil.results.html.page import format_percent, render_page
+from rpil.results.html.page import About, format_percent, render_page
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit
 from rpil.results.settings import AuditSettings
-from rpil.results.view import About
 
 ADDRESSES = (
     "https://github.com/leeoniya/uPlot",

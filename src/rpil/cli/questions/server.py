@@ -13,15 +13,13 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from rpil.cli.questions.curves import Recorded
+from rpil.cli.questions.material import EpisodeVideos, Recorded
 from rpil.cli.questions.security import Application, Gate, guarded_by
 from rpil.cli.questions.session import Session, choices, count_line, opinion_line, question_sentence, warning_lines
-from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.arrays import check_text
-from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.errors import DataError, MissingExtraError, optional
 from rpil.data.json_files import Parsed
-from rpil.results.html.page import html_environment, render_page
-from rpil.results.view import About, View, drawings, make_view
+from rpil.results.html.page import About, View, drawings, html_environment, make_view, render_page
 
 if TYPE_CHECKING:
     from starlette.requests import Request
@@ -198,11 +196,8 @@ def _changed(review: Review, change: PageChange, body: bytes) -> tuple[View, int
 
 def load_server() -> None:
     """A `MissingExtraError` where the packages of the server are not installed."""
-    try:
-        import starlette  # noqa: F401
-        import uvicorn  # noqa: F401
-    except ImportError as error:
-        raise MissingExtraError("To review on a page", "review") from error
+    for name in ("starlette", "uvicorn"):
+        optional(name, "To review on a page", "review")
 
 
 def listen(port: int) -> socket.socket:

@@ -1,4 +1,4 @@
-"""The columns of what was recorded, as a page draws them."""
+"""Columns of what was recorded, as a page draws them; tests of videos are in test_videos.py."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from rpil import open as open_data
 from rpil import read
-from rpil.cli.questions.curves import N_POINTS, Recorded
+from rpil.cli.questions.material import N_POINTS, Recorded
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 
