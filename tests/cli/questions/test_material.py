@@ -1,4 +1,4 @@
-"""Columns of what was recorded, as a page draws them; tests of videos are in test_videos.py."""
+"""Columns of what was recorded, as a page draws them; tests of videos are in test_material_videos.py."""
 
 from __future__ import annotations
 
