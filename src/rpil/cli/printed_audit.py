@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import click
@@ -39,7 +39,7 @@ def print_audit(
 
     width, odd = line_width(), [] if faults is None else odd_lines(faults)
     faulty = () if faults is None else tuple(found.id for found in faults.findings)
-    above = [*fit(first_sentence(audit, faulty, short_id), width, 2), *head, *finding_lines(audit), *odd, ""]
+    above = [*fit(first_sentence(audit, faulty), width, 2), *head, *finding_lines(audit), *odd, ""]
     counts = fit(f"{verdict_sentence(audit)}{'' if all_rows else ' All: --all.'}", width)
     notes = [*_notes(audit, all_rows, width)]
     room = MAX_LINES - len([*above, *counts, *closing]) - 1
@@ -65,7 +65,7 @@ def finding_lines(audit: Audit) -> list[str]:
     """The finding, and every doubt."""
     from rpil.results.overview import headline
 
-    sentences = headline(audit, N_FOUND, short_id), *(f"Doubt: {doubt}" for doubt in audit.doubts)
+    sentences = headline(audit, N_FOUND), *(f"Doubt: {doubt}" for doubt in audit.doubts)
     return [line for sentence in sentences for line in fit(sentence, line_width(), 2)]
 
 
@@ -83,6 +83,8 @@ def odd_lines(report: FaultReport) -> list[str]:
         why = report.not_checked.get("duplicate")  # which is looked for wherever anything is
         said = f"Recording faults were not looked for: {why}." if why else "No recording faults found."
         return fit(said, line_width(), 2)
+    from rpil.results.overview import short_id
+
     worst, n = report.findings[0], len({found.id for found in report.findings})
     count = f"{n:,} recordings are odd, most of all" if n > 1 else "1 recording is odd:"
     return [*fit(f"{count} {short_id(worst.id)}: {worst.sentence}.", line_width(), 2), "  All: rpil check."]
@@ -91,6 +93,7 @@ def odd_lines(report: FaultReport) -> list[str]:
 def _columns(audit: Audit, shown: Sequence[int], all_rows: bool) -> dict[str, list[str]]:
     """The verdict, or else the place, the score, where to look and why, without what is the same of all; the
     probability and the whole reason where `all_rows` are printed."""
+    from rpil.results.overview import short_id
     from rpil.results.reasons import at_a_glance
     from rpil.results.vocabulary import SIDES
 
@@ -110,14 +113,9 @@ def _columns(audit: Audit, shown: Sequence[int], all_rows: bool) -> dict[str, li
     return {name: own for name, own in columns.items() if name not in left_out}
 
 
-def short_id(name: Hashable, most: int = 28) -> str:
-    """An id in few characters: of a long one its end, which is what differs."""
-    text = printable(name)
-    return text if len(text) <= most else f"...{text[3 - most :]}"
-
-
 def _notes(audit: Audit, all_rows: bool, width: int) -> Iterator[str]:
     """Contradicting labels, operators, groups and notes, a line each, or whole."""
+    from rpil.results.overview import short_id
     from rpil.results.vocabulary import PLURALS
 
     lower, sentences = audit.vocabulary.lower, list[str]()
