@@ -57,21 +57,6 @@ def test_keep_names_what_leaving_out_loses():
     assert lost not in ok(*audit, "--quiet").stdout
 
 
-def test_keep_by_labels_keeps_what_has_no_label(folder):
-    Path("labels.csv").write_text("id,label\n2,expert\n11,good\n4,bad\n")
-    call = ["keep", folder / "good.parquet", "--verdicts", "labels.csv", "-o"]
-    printed = ok(*call, "kept.parquet").stdout.splitlines()
-    assert printed[:4] == [
-        "Kept 11 of 12 demonstrations: kept.parquet",
-        "9 of these are not named in labels.csv: --only IDS keeps some alone.",
-        "Rejected: 1 by your labels.",
-        "  by your labels: 4",
-    ]
-    assert rpil.read("kept.parquet").ids == tuple(m for m in range(12) if m != 4)
-    left = "no demonstration is left by the verdicts of labels.csv; choose with --share, or change labels"
-    refused(left, *call, "none.parquet", "--only", "4")
-
-
 def test_keep_refuses_before_it_judges(folder, monkeypatch):
     monkeypatch.setattr("rpil.cli.commands.judge", lambda *_: pytest.fail("judged"))
     data = folder / "good.parquet"
