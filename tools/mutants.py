@@ -89,6 +89,9 @@ NAMES = {"min": "max", "minimum": "maximum", "all": "any", "argmin": "argmax", "
 NAMES |= {other: name for name, other in NAMES.items() if name != "logaddexp"}
 
 EQUIVALENT = {
+    "reasons: looks = vocabulary.upper if log_odds > 0 else vocabulary.lower: log_odds > 0 -> log_odds >= 0": (
+        "Nearer to 0 than the limit another reason is given."
+    ),
     "groups: return log_likelihood, Groups(0.0, mean, spread, share, noise, np.zeros(1)): 1 -> 2": (
         "The quantiles are filled in later."
     ),

@@ -101,8 +101,8 @@ def _worst_of(audit: Judged, m: int) -> tuple[str, str, str]:
     place = THROUGHOUT if is_long else span(stretch.first, stretch.last, audit.fps)
     if (seen := AT_STEP.match(does)) is None:
         return place, "", does
-    step = int(seen[1])
-    return place, span(step, step, audit.fps), does[seen.end() :]
+    at = span(int(seen[1]), int(seen[1]), audit.fps)
+    return place, at * (at != place), does[seen.end() :]
 
 
 def at_a_glance(audit: Judged, reason: str, m: int) -> tuple[str, str]:
