@@ -141,7 +141,7 @@ def test_at_a_glance_what_it_does_or_else_why():
     assert audit.reasons[2] == "success 0; most different at step 5: elbow is -70; others there have -9 to 12."
     shown = [at_a_glance(audit, audit.reasons[m], m) for m in range(4)]
     does = "elbow is -70; others there have -9 to 12"
-    assert shown == [("", "Highest fifth of the ranking"), ("step 5", does), ("step 5", "success 0"), ("step 5", "")]
+    assert shown == [("", "Above the middle of the ranking"), ("step 5", does), ("step 5", "success 0"), ("step 5", "")]
     assert at_a_glance(replace(audit, fps=10.0), audit.reasons[1], 1) == ("0.5 s", does)
     assert at_a_glance(replace(audit, rejected_by=()), audit.reasons[2], 2) == ("step 5", does)
 

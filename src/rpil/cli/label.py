@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 import click
 
 from rpil.cli import commands, terminal
-from rpil.cli.options import LABEL_OPTIONS, RunOptions, Value, command_words, with_options
-from rpil.cli.printed_audit import finding_lines, verdict_sentence
+from rpil.cli.audit import finding_lines, verdict_sentence
+from rpil.cli.options import LABEL_OPTIONS, LABELS_FILE, RunOptions, Value, command_words, with_options
 from rpil.cli.terminal import show_stages
 from rpil.data.errors import DataError
 from rpil.data.folders import is_dangling
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 
 MAX_QUESTIONS = 8
 """Questions that one run asks at most."""
-
-LABELS_FILE = "labels.csv"
 
 WITHOUT = "labels", "quiet", "memory", "port", "browser"
 """Options that an audit with the answers does not need, or does not have."""

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from rpil.formats.columns import ColumnOptions
 
 
+LABELS_FILE = "labels.csv"
+
 Value = Any
 """What an option holds: click has no types for it."""
 
