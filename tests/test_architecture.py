@@ -175,7 +175,7 @@ WITHOUT_TESTS = {
     "scale/protocol.py": "a protocol; every engine is tested",
     "scale/ascent.py": "tests/estimators/test_passes.py",
     "policies/linear.py": "a table of two lines",
-    "results/judged.py": "tests/results/test_columns.py",
+    "results/judged.py": "tests/results/test_tasks_columns.py",
     "estimators/task.py": "what RPIL, RMEnt and reweight read; each of them is tested",
     "data/arrays.py": "tests/data/test_demonstrations.py",
     "formats/csv.py": "every format passes tests/data/test_formats.py",

@@ -40,7 +40,7 @@ from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).parents[1]
 JUDGE = ("outliers", "answers", "answered", "two_parts", "trust", "groups")
-ACTS = ("step_weights", "choice", "answering", "tasks")
+ACTS = ("step_weights", "choice", "answering", "tasks", "reasons", "overview")
 FAULTS = ("motion", "whole_rules", "recorded", "rule", "measured_columns", "lag", "maps")
 ROOMS = dict.fromkeys(JUDGE, "inference") | dict.fromkeys(ACTS, "results") | dict.fromkeys(FAULTS, "faults")
 """The modules that are changed where none is named, and their rooms."""
@@ -89,6 +89,7 @@ NAMES = {"min": "max", "minimum": "maximum", "all": "any", "argmin": "argmax", "
 NAMES |= {other: name for name, other in NAMES.items() if name != "logaddexp"}
 
 EQUIVALENT = {
+    'tasks: verdicts[m] = "good" if signs[m] > 0 else "bad": signs[m] > 0 -> signs[m] >= 0': "None of these is 0.",
     "reasons: looks = vocabulary.upper if log_odds > 0 else vocabulary.lower: log_odds > 0 -> log_odds >= 0": (
         "Nearer to 0 than the limit another reason is given."
     ),

@@ -76,7 +76,8 @@ def test_what_was_said_before_any_answer_and_columns_stay_with_their_tasks():
     fewer = np.delete(wide, len(CHANNELS), axis=1)
     audit = joined({"columns": wide}, {"columns": fewer})
     assert audit.columns[0].tolist() == [*range(len(CHANNELS)), len(CHANNELS) + 3]
-    assert join_audits({}, {"": [0]}, [0], np.arange(2), Answers.none(1)).columns.shape == (1, 0)
+    nothing = join_audits({}, {"": [0]}, [0], np.arange(2), Answers.none(1))
+    assert (nothing.columns.shape, nothing.finding) == ((1, 0), "nothing could be learned")
 
 
 def test_answers_of_all_stay_but_for_pairs_of_different_tasks():
