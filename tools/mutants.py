@@ -89,6 +89,10 @@ NAMES = {"min": "max", "minimum": "maximum", "all": "any", "argmin": "argmax", "
 NAMES |= {other: name for name, other in NAMES.items() if name != "logaddexp"}
 
 EQUIVALENT = {
+    'reasons: sign = 1 if side == "upper" else -1: 1 -> 2': "Both sides of a comparison are multiplied by it.",
+    "reasons: parts += [STYLES[name][above > 0]] if abs(above) >= MIN_STYLE else []: above > 0 -> above >= 0": (
+        "Nearer to 0 than the limit it has no style."
+    ),
     'tasks: verdicts[m] = "good" if signs[m] > 0 else "bad": signs[m] > 0 -> signs[m] >= 0': "None of these is 0.",
     "reasons: looks = vocabulary.upper if log_odds > 0 else vocabulary.lower: log_odds > 0 -> log_odds >= 0": (
         "Nearer to 0 than the limit another reason is given."

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import logit
 
 from audits import make_audit
 from rpil.inference.answers import Answers
@@ -17,6 +18,7 @@ NO_STRETCH = {"step_log_ratio": np.ones(40), "lengths": [20, 20]}
 def test_worst_stretch_has_the_lowest_sum_of_all_stretches() -> None:
     assert worst_stretch(np.array([1.0, -4.9, 1.0])) is None, "that is less than 150 to one"
     assert worst_stretch(np.array([1.0, -5.1, 1.0])) == (1, 1, pytest.approx(-5.1))
+    assert worst_stretch(np.array([1.0, -6.0, 20.0])) == (1, 1, -6.0), "what comes after it does not begin it"
     for seed in range(20):
         ratio = np.random.default_rng(seed).normal(0.2, 2.0, 25)
         sums = {(i, j): ratio[i : j + 1].sum() for i in range(25) for j in range(i, 25)}
@@ -60,6 +62,8 @@ def test_reason_of_an_open_one_is_true_of_high_and_of_low_log_odds() -> None:
         ("open",) * 4, log_odds=log_odds, anchor="answers", finding="answered", **NO_STRETCH | {"lengths": [10] * 4}
     )
     between = "Its score is between those of good and bad ones."
+    at_limit = replace(audit, log_odds=np.full(4, logit(audit.settings.min_proba("answers"))))
+    assert {reason.partition(" (")[0] for reason in at_limit.reasons} == {"Looks good"}
     high, low = (f"Looks {one}; left open to be safe." for one in ("good (place 1 of 4)", "bad (place 4 of 4)"))
     assert audit.reasons == (high, between, between, low)
 
@@ -163,4 +167,6 @@ def test_of_outcomes_that_are_not_heard_none_is_a_reason():
         known = {"anchor": "answers", "finding": "answered", "answers": answers, "log_odds": np.array([4.0, -4, 0, 4])}
         audit = make_audit(("good", "bad", "open", "good"), lengths=[9] * 4, step_log_ratio=np.ones(36), **known)
         assert audit.reasons[0] == said
+        middle = replace(audit, answers=replace(answers, outcomes=np.array([9.0, 5.0, 1.0, np.nan])[:, None]))
+        assert middle.reasons[1] == "Bad by the outcomes about others like it.", "it is none of the lowest"
         assert audit.reasons[3] == "Good by the outcomes about others like it.", "its own is not known"
