@@ -35,6 +35,11 @@ def test_a_fact_is_the_rank_of_its_channel_and_grows_with_its_name(channel, fact
     assert all(values == pytest.approx([0.5] * 4) for name, values in found.items() if name != fact)
 
 
+def test_ranks_have_six_digits():
+    found = known_facts(columns(3, length=[1.0, 2.0, 3.0]), LENGTHS[:3], None)
+    assert found["length"] == (0.166667, 0.5, 0.833333)
+
+
 def test_what_is_not_known_is_left_out():
     assert known_facts(UNKNOWN, LENGTHS, None) == {}
     assert known_facts(UNKNOWN, LENGTHS, np.array([7.5, 1.0, 9.0, 2.0])) == {"order": (3, 1, 4, 2)}
@@ -94,6 +99,7 @@ def test_how_two_groups_differ():
     [
         (GROUPS, [0, 2, 4, 6, 8, 10, 12, 13, 1, 3, 5, 7, 9, 11]),
         ((np.arange(2), np.arange(2, 4)), UP),  # few: so by chance
+        ((np.arange(5), np.arange(5, 9)), np.arange(9.0)),  # by chance in 2 of 126 orders
         ((np.arange(40), np.arange(40, 80)), np.append(np.arange(40), np.arange(40) + 14)),  # certain and small
         (GROUPS, [0] * 14),
     ],
@@ -115,3 +121,5 @@ def test_what_may_be_chance_or_is_small_is_not_said(groups, values):
 )
 def test_directions_of_facts(channel, sign, phrase):
     assert differ(**{channel: sign * UP}) == f"B {phrase}"
+    swapped = np.r_[UP[:7], 8, 7, UP[9:]]
+    assert differ(**{channel: sign * swapped}) == f"B {phrase}", "one pair of 48 is the other way round"
