@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
-import pytest
 
 import lerobot_folders as folders
 import rpil
@@ -55,22 +54,6 @@ def test_keep_names_what_leaving_out_loses():
     page = Path("r.html").read_text()
     assert page.index("What is lost without them") < page.index(lost)
     assert lost not in ok(*audit, "--quiet").stdout
-
-
-def test_keep_refuses_before_it_judges(folder, monkeypatch):
-    monkeypatch.setattr("rpil.cli.commands.judge", lambda *_: pytest.fail("judged"))
-    data = folder / "good.parquet"
-    Path("there").mkdir()
-    Path("all_bad.csv").write_text("id,label\n" + "".join(f"{m},bad\n" for m in range(12)))
-    Path("other.csv").write_text("id,label\n99,good\n")
-    refused("it is there already", "keep", data, "-o", "there")
-    refused("it is the data themselves", "keep", data, "-o", data)
-    refused("there is no folder", "keep", data, "-o", "no/kept.parquet")
-    refused("exclude each other", "keep", data, "-o", "k.parquet", "--share", 0.5, "--at-least", 0.5)
-    by = ["-o", "k.parquet", "--verdicts"]
-    refused("no demonstration is left by the verdicts of all_bad.csv", "keep", data, *by, "all_bad.csv")
-    refused("no demonstration is called '99'", "keep", data, *by, "other.csv")
-    refused("give it the extension .parquet", "keep", data, "-o", "k.csv")
 
 
 def test_convert_writes_operator_and_task_of_each_demonstration():

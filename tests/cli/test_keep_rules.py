@@ -40,9 +40,6 @@ def test_an_audit_lists_what_keep_keeps():
     ok("keep", data, "-o", "k.parquet", *COLUMNS, *more, "--ignore", "labels", "--ignore", "answers, outcome", "-q")
     assert kept_in("k.parquet") == {*range(FEW)}
     assert ("labels", "outcome", *RULES_OF_VERDICTS.values()) == CHOICE_RULES
-    refused("'x' is not one of 'labels', 'outcome'", "keep", data, "-o", "k.parquet", "--ignore", "labels,x")
-    for words in (["--ignore", "outcome"], ["--without-faults", "jump"]):
-        refused("give --keep OUT.json", "audit", data, *words)
 
 
 SUCCESS = {"success": np.repeat([m not in {2, 3} for m in range(FEW)], 40).astype(int)}
@@ -130,14 +127,6 @@ def test_faults_that_are_named_are_rejected():
     assert re.fullmatch(r"note: --without-faults: dropped frames was not checked, because [^\n]+\.\n", said)
 
 
-def test_a_table_of_verdicts_names_each_demonstration_once():
-    other = write("o.parquet", FEW)
-    Path("v.csv").write_text("id,verdict,label\n0,bad,bad\n1,good,\n0,good,\n")
-    refused(r"v\.csv: '0' has two rows", "keep", other, "--verdicts", "v.csv", "-o", "k.parquet")
-    Path("v.csv").write_text("junk\n")
-    refused(r"v\.csv", "keep", other, "--verdicts", "v.csv", "-o", "k.parquet")
-
-
 def test_a_share_is_of_demonstrations_that_have_a_number():
     """Those that a table does not name would rank above all that it names."""
     data, few = write("d.parquet", FEW), ["--only", "0-11", "-q"]
@@ -156,14 +145,6 @@ def test_what_is_no_table_of_verdicts_is_named():
     ok("audit", data, *COLUMNS, "--weights", "w.parquet", "-q")
     by = ["keep", data, *COLUMNS, "-o", "k.parquet", "--verdicts"]
     refused(r"w\.parquet: it has no columns id and verdict; give the table of rpil audit --verdicts", *by, "w.parquet")
-
-
-def test_one_demonstration_alone_is_not_judged_but_can_be_written():
-    data = write("d.parquet", FEW)
-    alone = "one demonstration alone cannot be judged; rpil convert --only writes it as it is"
-    refused(alone, "keep", data, *COLUMNS, "-o", "k.parquet", "--only", 3)
-    ok("convert", data, "-o", "k.parquet", "--only", 3)
-    assert kept_in("k.parquet") == {3}
 
 
 def test_the_command_to_run_next_does_not_repeat_the_memory_of_this_one():

@@ -18,10 +18,21 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from asked import BAD, N_STEPS, write
 from recordings import write_recording
 from rpil.cli.main import main
+from rpil.estimators.pipeline import FitOptions
 from small import FAST
 
 FOLDER = Path(__file__).parent / "transcripts"
-ANSWERS = "id,label\n0,good\n3,bad\n1,better than 8\n"
+FILES = {
+    "labels.csv": "id,label\n0,good\n3,bad\n1,better than 8\n",
+    "faults.json": '{"spike": [4, 5], "idle-head": "all"}',
+    "unknown.csv": "id,label\n77,bad\n",
+    "columns.csv": "id,what\n1,bad\n",
+    "opposed.csv": "id,label\n3,same as 4\n4,better than 3\n",
+    "all-bad.csv": "id,label\n" + "".join(f"{m},bad\n" for m in range(24)),
+    "twice.csv": "id,verdict,label\n0,bad,bad\n1,good,\n0,good,\n",
+    "who.csv": "id,demonstrator\n0,Ann\n77,Ann\n",
+}
+"""What a user has written, by name."""
 INPUT = {"label": "s\nb it stalls\nz\ng\nq\n"}
 """What is typed into a command that asks."""
 
@@ -31,12 +42,13 @@ def spike(observations: np.ndarray, ids: np.ndarray) -> None:
 
 
 def prepare() -> None:
-    """Write demonstrations with a success and operators, answers about some, and a recording with a spike."""
+    """Write demonstrations with a success and operators, a recording with a spike, and the `FILES`."""
     success = np.repeat([m not in BAD - {9} for m in range(24)], N_STEPS).astype(int)
     write("d.parquet", success=success, operator=np.repeat(["ann", "bob"], 12 * N_STEPS))
-    Path("labels.csv").write_text(ANSWERS)
     write_recording("r.parquet", spike)
-    Path("faults.json").write_text('{"spike": [4, 5], "idle-head": "all"}')
+    Path("there").mkdir()
+    for name, text in FILES.items():
+        Path(name).write_text(text)
 
 
 def run(command: str) -> str:
@@ -54,10 +66,17 @@ def without_last_digits(text: str) -> str:
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.txt")), ids=lambda path: path.stem)
-def test_a_command_prints_what_it_printed(path: Path) -> None:
+def test_a_command_prints_what_it_printed(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is refused is refused before any work, and leaves all files as they were."""
     prepare()
+    if path.stem == "refused":
+        monkeypatch.setattr(FitOptions, "check", lambda *_: pytest.fail("too late"))
     for block in re.split(r"^(?=\$ )", path.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]:
+        before = {file: file.read_bytes() for file in Path().rglob("*") if file.is_file()}
         assert without_last_digits(run(block.partition("\n")[0][2:])) == without_last_digits(block)
+        if path.stem == "refused":
+            assert re.search(r"^! rpil: [^\n]+\.\nexit code 2$", block, re.MULTILINE), block
+            assert {file: file.read_bytes() for file in Path().rglob("*") if file.is_file()} == before
 
 
 if __name__ == "__main__":
