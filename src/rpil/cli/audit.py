@@ -97,7 +97,7 @@ def audit(
     if form == "json":
         of_data = {"run": result.run_id, "input": recording.description.to_dict()}
         beside = {"faults": faults.to_dict(), "keep": run.choice.to_dict()}
-        click.echo(terminal.to_json("audit", of_data | result.to_dict() | beside))
+        click.echo(terminal.to_json(of_data | result.to_dict() | beside, "audit"))
     elif form != "text":
         from rpil.cli import exchange
         from rpil.results.overview import headline

@@ -70,7 +70,7 @@ def check(
             report.write(output)
     commands.tell_of_set_aside(read)
     if form == "json":
-        click.echo(terminal.to_json("check", report.to_dict()))
+        click.echo(terminal.to_json(report.to_dict(), "check"))
     elif form == "text":
         terminal.print_lines(fault_lines(report))
     else:

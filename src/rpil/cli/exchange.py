@@ -53,7 +53,7 @@ def of_audit(audit: Audit) -> list[NumberedFinding]:
 
 def written(form: str, found: Sequence[NumberedFinding], source: str, title: str, sentence: str) -> str:
     """The findings in the data at `source` as "sarif" or "markdown", there below a title and a sentence."""
-    return to_json("", sarif(found, source)) if form == "sarif" else markdown(f"{title}: {source}", sentence, found)
+    return to_json(sarif(found, source)) if form == "sarif" else markdown(f"{title}: {source}", sentence, found)
 
 
 def sarif(found: Sequence[NumberedFinding], source: str) -> dict[str, object]:

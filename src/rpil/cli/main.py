@@ -71,7 +71,7 @@ def info(ctx: click.Context, /, file: str, form: str, **options: Any) -> None:
     columns = pop_columns(options, guess=True)
     recording = commands.open_recording(file, columns, lambda _: None)
     if form == "json":
-        click.echo(terminal.to_json("", recording.description.to_dict()))
+        click.echo(terminal.to_json(recording.description.to_dict()))
     else:
         print_lines(recording.description.lines())
     recording.demonstrations  # noqa: B018  # what cannot be audited is an error

@@ -81,13 +81,13 @@ def to_one_line(text: str) -> str:
     return without_secrets(" ".join(click.unstyle(shortened(text)).split()))
 
 
-def to_json(command: str, value: Mapping[str, object]) -> str:
-    """What a command prints as standard JSON, in which NaN and infinity become null.
+def to_json(value: Mapping[str, object], schema: str = "") -> str:
+    """The value as standard JSON, in which NaN and infinity become null.
 
-    It says by which of docs/schemas it is, if by any; a change that is no addition raises the version.
+    It says by which `schema` of docs/schemas it is, if by any; a change that is no addition raises the version.
     """
-    schema = {"schema": {"name": f"rpil.{command}", "version": 1}} if command else {}
-    return json.dumps(finite({**schema, **value}), allow_nan=False)
+    said = {"schema": {"name": f"rpil.{schema}", "version": 1}} if schema else {}
+    return json.dumps(finite({**said, **value}), allow_nan=False)
 
 
 def print_lines(lines: Iterable[str]) -> None:
