@@ -18,8 +18,8 @@ from rpil.results.overview import (
     look_first,
     overview_html,
     overview_text,
-    short_id,
 )
+from rpil.results.vocabulary import short_id
 
 
 def test_the_text_names_finding_words_doubts_question_and_the_lowest_three():

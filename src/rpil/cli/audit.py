@@ -27,6 +27,7 @@ from rpil.cli.options import (
 )
 from rpil.cli.terminal import THEN_RUN, fit, line_width, print_lines, show_stages, table_lines
 from rpil.data.text import MAX_LISTED_NAMES, listed, printable
+from rpil.results.vocabulary import PLURALS, SIDES, in_numbers, short_id
 
 if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
@@ -178,8 +179,6 @@ def finding_lines(audit: Audit) -> list[str]:
 
 def verdict_sentence(audit: Audit) -> str:
     """How many demonstrations have which verdict."""
-    from rpil.results.vocabulary import in_numbers
-
     size = f"{len(audit.ids):,} demonstrations ({audit.offsets[-1]:,} steps)"
     return f"{size}: {in_numbers(audit.verdict_counts())}."
 
@@ -190,8 +189,6 @@ def odd_lines(report: FaultReport) -> list[str]:
         why = report.not_checked.get("duplicate")  # which is looked for wherever anything is
         said = f"Recording faults were not looked for: {why}." if why else "No recording faults found."
         return fit(said, line_width(), 2)
-    from rpil.results.overview import short_id
-
     worst, n = report.findings[0], len({found.id for found in report.findings})
     count = f"{n:,} recordings are odd, most of all" if n > 1 else "1 recording is odd:"
     return [*fit(f"{count} {short_id(worst.id)}: {worst.sentence}.", line_width(), 2), "  All: rpil check."]
@@ -200,9 +197,7 @@ def odd_lines(report: FaultReport) -> list[str]:
 def _columns(audit: Audit, shown: Sequence[int], all_rows: bool) -> dict[str, list[str]]:
     """The verdict, or else the place, the score, where to look and why, without what is the same of all; the
     probability and the whole reason where `all_rows` are printed."""
-    from rpil.results.overview import short_id
     from rpil.results.reasons import at_a_glance
-    from rpil.results.vocabulary import SIDES
 
     proba, is_decided = audit.vocabulary.probability, {*audit.verdicts} != {"open"}
     glances, digits = [at_a_glance(audit, audit.reasons[m], m) for m in shown], 1 + 2 * (abs(audit.log_odds).max() < 1)
@@ -222,9 +217,6 @@ def _columns(audit: Audit, shown: Sequence[int], all_rows: bool) -> dict[str, li
 
 def _notes(audit: Audit, all_rows: bool, width: int) -> Iterator[str]:
     """Contradicting labels, operators, groups and notes, a line each, or whole."""
-    from rpil.results.overview import short_id
-    from rpil.results.vocabulary import PLURALS
-
     lower, sentences = audit.vocabulary.lower, list[str]()
     if audit.contradicting:
         names = listed(audit.contradicting, MAX_LISTED_NAMES, ", ")

@@ -25,6 +25,7 @@ from rpil.cli.terminal import LOADING, StageProgress, print_warnings, to_one_lin
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath
 from rpil.data.text import MAX_LISTED_NAMES, listed, printable
+from rpil.results.vocabulary import PLURALS, SIDES
 
 if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
@@ -297,8 +298,6 @@ def look_lines(audit: Audit, choice: Choice, report: FaultReport | None = None) 
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:
     """The exit code under a `verdict_limit`: 1, with a line on stderr, if more are outliers or bad than allowed."""
-    from rpil.results.vocabulary import PLURALS, SIDES
-
     (verdict, _, most), lower = (limit or "").partition(":"), audit.vocabulary.lower
     # Those called outliers without an answer are not bad; those called bad differ from the good ones.
     count = sum(SIDES[one] == "lower" and (verdict == "outlier" or one != "outlier") for one in audit.verdicts)

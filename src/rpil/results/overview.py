@@ -7,11 +7,11 @@ from html import escape
 
 import numpy as np
 
-from rpil.data.text import MAX_IDS, counted, listed, printable
+from rpil.data.text import MAX_IDS, counted, listed
 from rpil.inference.findings import FINDINGS
 from rpil.results.answering import looking_order, n_first
 from rpil.results.result import AuditResult
-from rpil.results.vocabulary import SIDES, in_numbers, numbered
+from rpil.results.vocabulary import SIDES, in_numbers, numbered, short_id
 
 N_LOWEST = 3
 """Demonstrations that the text names."""
@@ -22,9 +22,6 @@ N_LOWEST_ROWS = 10
 MAX_NAMED_FIRST = 12
 """Demonstrations to look at first that a sentence names."""
 
-MAX_NAME = 28
-"""Characters of an id in the text."""
-
 ACTING = {"outliers": "differently from the rest", "mixture": "like the adversary that was named"}
 
 
@@ -34,12 +31,6 @@ def look_first(audit: AuditResult, faulty: Collection[Hashable] = ()) -> list[in
     known = {*np.flatnonzero(audit.answers.shared(audit.copy_of).said).tolist()}
     first = dict.fromkeys(m for m in (*(at[name] for name in faulty if name in at), *order) if m not in known)
     return [*first][: n_first(len(audit.ids))]
-
-
-def short_id(name: Hashable) -> str:
-    """An id in few characters: of a long one its end, which is what differs."""
-    text = printable(name)
-    return text if len(text) <= MAX_NAME else f"...{text[3 - MAX_NAME :]}"
 
 
 def first_sentence(audit: AuditResult, faulty: Collection[Hashable] = ()) -> str:

@@ -44,11 +44,6 @@ class AuditResult(Judged):
         """The parts of `log_odds` by name, in nats."""
         return {"actions": self.from_actions, "demonstrator": self.from_demonstrator, "label": self.from_label}
 
-    def evidence_columns(self) -> dict[str, Float[Array, " M"]]:
-        """The parts of `log_odds` that a table shows: those that are not all 0, and none where there is only one."""
-        parts = {name: part for name, part in self.evidence.items() if part.any()}
-        return parts if len(parts) > 1 else {}
-
     @cached_property
     def reasons(self) -> tuple[str, ...]:
         """The reason for the verdict on each demonstration, one sentence each."""

@@ -130,6 +130,7 @@ def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
     letters = {name: letter for letter, members in audit.groups.items() for name in members}
     names, facts, table = list(map(str, audit.ids)), audit.facts, audit.table(about.demonstrators, about.tasks)
     kept = {*choose(table).kept}
+    parts = {name: _significant(part) for name, part in audit.evidence.items() if part.any()}
     return {
         "id": names,
         **{name: list(table[name]) for name in ("verdict", "rank", "n_steps", "reason", "task", "demonstrator")},
@@ -137,7 +138,7 @@ def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
         "p": [
             round(p, DECIMALS_SHOWN) if audit.has_proba(m) else None for m, p in enumerate(audit.expert_proba.tolist())
         ],
-        "evidence": {name: _significant(part) for name, part in audit.evidence_columns().items()},
+        "evidence": parts if len(parts) > 1 else {},
         "reliability": audit.reliability.round(DECIMALS_SHOWN).tolist(),
         "worst": [audit.worst_steps(m) for m in range(len(names))],
         "stretch": [stretch_of(audit, m) for m in range(len(names))],
