@@ -161,7 +161,8 @@ def keep(
         choice = choose(table, asked)
         if not choice.kept:
             judged_by = f"the verdicts of {verdicts}" if verdicts else "the audit"
-            raise DataError(f"{file}: no demonstration is left by {judged_by}; choose with --share, or change labels.")
+            remedy = f"{'choose with --share, or ' * ('log_odds' in table)}change labels"
+            raise DataError(f"{file}: no demonstration is left by {judged_by}; {remedy}.")
         lost = () if given.quiet else lost_places(read.demonstrations, choice.kept)
         progress(f"writing {output}")
         read.keep(choice.kept, output)
