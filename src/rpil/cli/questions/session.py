@@ -128,8 +128,8 @@ class Session:
         audit, lines, rows = self.audit, list[str](), tuple(by_question.values())
         if rows != self.rows:
             said = with_new(self._before, rows)
-            answers = parse_answers(said, "the answers", self.start.ids) if rows else None
-            audit = self.start.answered(*answers, instead=True) if answers else self.start
+            answers = parse_answers(said, "the answers", self.start.ids) if rows else ({}, {})
+            audit = self.start.answered(*answers, instead=True) if any(answers) else self.start
             lines = list(change_lines(self.audit, audit))
             self._write(rows)
             self.said = said
