@@ -89,6 +89,7 @@ NAMES = {"min": "max", "minimum": "maximum", "all": "any", "argmin": "argmax", "
 NAMES |= {other: name for name, other in NAMES.items() if name != "logaddexp"}
 
 EQUIVALENT = {
+    "answering: elif sign < 0:: sign < 0 -> sign <= 0": "It is 1 or -1.",
     "reasons: looks = vocabulary.upper if log_odds > 0 else vocabulary.lower: 0 -> 1": (
         "Nearer to 0 than the limit another reason is given."
     ),

@@ -103,11 +103,10 @@ def test_answers_about_others_are_the_reason_for_a_demonstration_without_one() -
 
 
 def test_without_outliers_a_reason_is_the_place_in_the_ranking() -> None:
-    audit = make_audit(
-        ("open",) * 5, finding="no outliers", log_odds=np.arange(5.0), **NO_STRETCH | {"lengths": [8] * 5}
-    )
+    plain = {"lengths": [4] * 10, "step_log_ratio": np.ones(40)}
+    audit = make_audit(("open",) * 10, finding="no outliers", log_odds=np.arange(10.0), **plain)
     fifths = [reason.removesuffix(" of the ranking, not clearly different.") for reason in audit.reasons]
-    assert fifths == [*FIFTHS]
+    assert fifths == [fifth for fifth in FIFTHS for _ in range(2)]
     ratios = {"step_log_ratio": np.full(40, -1.0), "lengths": [20, 20]}
     bad = make_audit(("open",) * 2, finding="no outliers", **ratios).reasons[0]
     assert bad.endswith("not clearly different; different nearly throughout.")
