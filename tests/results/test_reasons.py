@@ -168,4 +168,6 @@ def test_of_outcomes_that_are_not_heard_none_is_a_reason():
         assert audit.reasons[0] == said
         middle = replace(audit, answers=replace(answers, outcomes=np.array([9.0, 5.0, 1.0, np.nan])[:, None]))
         assert middle.reasons[1] == "Bad by the outcomes about others like it.", "it is none of the lowest"
+        highest = replace(audit, answers=replace(answers, outcomes=np.array([5.0, 1.0, 9.0, np.nan])[:, None]))
+        assert highest.reasons[0] == "Good by the outcomes about others like it.", "it is none of the highest"
         assert audit.reasons[3] == "Good by the outcomes about others like it.", "its own is not known"

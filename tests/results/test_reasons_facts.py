@@ -36,8 +36,9 @@ def test_a_fact_is_the_rank_of_its_channel_and_grows_with_its_name(channel, fact
 
 
 def test_ranks_have_six_digits():
-    found = known_facts(columns(3, length=[1.0, 2.0, 3.0]), LENGTHS[:3], None)
-    assert found["length"] == (0.166667, 0.5, 0.833333)
+    known = columns(3, length=[1.0, 2.0, 3.0])
+    for given in (known, known[:, : len(CHANNELS)]):
+        assert known_facts(given, LENGTHS[:3], None)["length"] == (0.166667, 0.5, 0.833333)
 
 
 def test_what_is_not_known_is_left_out():
@@ -92,6 +93,12 @@ def test_how_two_groups_differ():
     lengths = np.repeat([140, 1210], [8, 6])
     found = differ(lengths=lengths, length=UP, motion=UP, short_path=-UP)
     assert found == "B takes longer (median 1,210 against 140 steps), pauses less and has a longer path"
+
+
+def test_four_fifths_of_the_pairs_are_enough():
+    groups, values = (np.arange(20), np.arange(20, 40)), np.r_[np.arange(20.0), [15.5] * 20]
+    (found,) = groups_differ(groups, columns(40, smoothness=values), np.arange(40))
+    assert found == "The two groups: B is smoother."
 
 
 @pytest.mark.parametrize(
