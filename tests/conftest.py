@@ -18,7 +18,7 @@ SLOW_FILES = {
     "cli/test_demo.py",
     "cli/test_info.py",
     "cli/test_main.py",
-    "cli/test_outputs.py",
+    "cli/test_commands_outputs.py",
     "cli/test_streaming.py",
     "data/test_archive.py",
     "estimators/test_continuous_actions.py",

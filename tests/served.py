@@ -15,13 +15,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rpil.cli.questions.material import EpisodeVideos
 from rpil.cli.questions.security import Gate
 from rpil.cli.questions.server import Review, application, listen, load_server
 from rpil.cli.questions.session import Session
-from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import MissingExtraError
-from rpil.results.view import About
+from rpil.results.html.page import About
 
 
 def need_server():
@@ -63,6 +63,16 @@ class Client:
         status, _, content = self.ask("GET", path)
         assert status == 200, content
         return json.loads(content)
+
+    def view(self):
+        """What the page that is shown now holds as data."""
+        status, _, content = self.ask("GET", "/")
+        assert status == 200, content
+        return json.loads(re.search(r'<script type="application/json">(.*?)</script>', content.decode(), re.DOTALL)[1])
+
+    def asked(self):
+        """The numbers of the demonstrations that the page asks about."""
+        return json.loads(re.search(r'data-asked="(.*?)"', self.ask("GET", "/")[2].decode())[1])
 
     def post(self, path, **given):
         """The status and the answer to what is posted."""

@@ -174,7 +174,7 @@ WITHOUT_TESTS = {
     "policies/protocol.py": "a protocol; every policy is tested",
     "scale/protocol.py": "a protocol; every engine is tested",
     "policies/linear.py": "a table of two lines",
-    "results/judged.py": "tests/results/test_columns.py",
+    "results/judged.py": "tests/results/test_tasks_columns.py",
     "estimators/task.py": "what RPIL, RMEnt and reweight read; each of them is tested",
     "data/arrays.py": "tests/data/test_demonstrations.py",
     "formats/csv.py": "every format passes tests/data/test_formats.py",

@@ -23,14 +23,14 @@ from rpil import RPIL, Demonstrations, formats, load, save
 from rpil.data.archive import CLASSES
 from rpil.data.errors import DataError
 from rpil.formats import registry
+from rpil.inference.answers import Answers
 from rpil.mixture.adversaries.named import ADVERSARIES
 from rpil.numerics.blocks import add
 from rpil.numerics.types import Array, Float
-from rpil.results.html.page import render_page
+from rpil.results.html.page import About, make_view, render_page
 from rpil.results.judged import of_each
 from rpil.results.record import Audit
-from rpil.results.tasks import join_audits, select
-from rpil.results.view import About, make_view
+from rpil.results.tasks import first_of, join_audits
 from rpil.scale.protocol import Engine, Shards
 from small import small_rpil
 
@@ -236,11 +236,11 @@ def test_audit_column_recipe():
     plain = make_audit()
     surprise = np.arange(10) / 4
     audit = Surprised(**{one.name: getattr(plain, one.name) for one in fields(plain)}, surprise=surprise)
-    some = select(audit, [7, 2])
-    assert some.surprise.tolist() == [1.75, 0.5]
-    places, offsets = {"a": [2, 0], "b": [1]}, np.cumsum([0, *audit.lengths[[2, 4, 7]]])
-    joined = join_audits({"a": some, "b": select(audit, [4])}, places, (2, 4, 7), offsets)
-    assert joined.surprise.tolist() == [0.5, 1.0, 1.75]
+    some, lengths = first_of(audit, "ab"), audit.lengths[:2]
+    assert some.surprise.tolist() == [0, 0.25]
+    places, offsets = {"a": [2, 1]}, np.cumsum([0, 5, *lengths[::-1]])
+    joined = join_audits({"a": some}, places, "xba", offsets, Answers.none(3))
+    assert joined.surprise.tolist() == [0, 0.25, 0]
     table = audit.to_frame("pyarrow")
     assert dict(zip(*(table[name].to_pylist() for name in ("id", "fact_surprise")), strict=True))[7] == 1.75
     assert {one["id"]: one["facts"]["surprise"] for one in audit.to_dict()["demonstrations"]}[7] == 1.75
@@ -248,7 +248,6 @@ def test_audit_column_recipe():
 
 
 def test_report_section_recipe():
-    view = make_view(make_audit(), About("Audit", "toy.csv"))
-    page = render_page(view, [("Who recorded this", "Five people & a robot.")])
+    page = render_page(make_audit(), About("Audit", "toy.csv"), [("Who recorded this", "Five people & a robot.")])
     assert "Who recorded this" in page
     assert "Five people &amp; a robot." in page

@@ -56,8 +56,11 @@ def made_of(address: str) -> dict[str, Any]:
     content = b"".join(path.read_bytes() for path in pages)
     browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor(CookieJar()))
     browser.open(address).read()
-    view = json.loads(browser.open(urljoin(address, "/api/view")).read())
-    texts = {re.sub(r"[-+\u2212]?\d[\d,.]*", "#", text) for text in texts_of(view)}
+    page = browser.open(urljoin(address, "/")).read().decode()
+    view = json.loads(re.search(r'<script type="application/json">(.*?)</script>', page, re.DOTALL)[1])
+    article = page[page.index("<article>") : page.index('id="made"')].partition("of this run in")
+    shown = re.findall(r">([^<>]+)<", f"{article[0]}<{article[2]}")
+    texts = {re.sub(r"[-+\u2212]?\d[\d,.]*", "#", " ".join(text.split())) for text in (*texts_of(view), *shown)}
     return {"files": hashlib.sha256(content).hexdigest(), "texts": sorted(texts)}
 
 

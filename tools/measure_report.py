@@ -21,10 +21,9 @@ from browser import Browser, browsing
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.results.answering import looking_order
-from rpil.results.html.page import write_page
+from rpil.results.html.page import About, write_page
 from rpil.results.judged import MAX_DRAWN, MAX_POINTS, TracedPart, Traces
 from rpil.results.record import Audit
-from rpil.results.view import About, make_view
 
 RUNS = 5
 
@@ -83,7 +82,7 @@ def main() -> None:
     for size in map(int, sys.argv[1:] or ("1000", "5000", "10000")):
         with tempfile.TemporaryDirectory() as folder, browsing(Path(folder) / "profile") as browser:
             path = Path(folder) / "report.html"
-            write_page(path, make_view(*audit_of(size)))
+            write_page(path, *audit_of(size))
             ready, sort, choose = measure(browser, path)
             print(f"{size:>14,}  {path.stat().st_size / 1e6:.1f}  {ready:>8.2f}  {sort:>7.3f}  {choose:>9.3f}")
 

@@ -40,7 +40,7 @@ from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).parents[1]
 JUDGE = ("outliers", "answers", "answered", "two_parts", "trust", "groups")
-ACTS = ("step_weights", "choice", "answering", "tasks")
+ACTS = ("step_weights", "choice", "answering", "tasks", "reasons", "overview")
 FAULTS = ("motion", "whole_rules", "recorded", "rule", "measured_columns", "lag", "maps")
 ROOMS = dict.fromkeys(JUDGE, "inference") | dict.fromkeys(ACTS, "results") | dict.fromkeys(FAULTS, "faults")
 """The modules that are changed where none is named, and their rooms."""
@@ -89,6 +89,20 @@ NAMES = {"min": "max", "minimum": "maximum", "all": "any", "argmin": "argmax", "
 NAMES |= {other: name for name, other in NAMES.items() if name != "logaddexp"}
 
 EQUIVALENT = {
+    "answering: elif sign < 0:: sign < 0 -> sign <= 0": "It is 1 or -1.",
+    "reasons: looks = vocabulary.upper if log_odds > 0 else vocabulary.lower: 0 -> 1": (
+        "Nearer to 0 than the limit another reason is given."
+    ),
+    'reasons: found.append(SAID_OF_B[name][int(above < 0.5)] + steps * (name == "length")): '
+    "above < 0.5 -> above <= 0.5": ("What hardly differs is not said."),
+    'reasons: sign = 1 if side == "upper" else -1: 1 -> 2': "Both sides of a comparison are multiplied by it.",
+    "reasons: parts += [STYLES[name][above > 0]] if abs(above) >= MIN_STYLE else []: above > 0 -> above >= 0": (
+        "Nearer to 0 than the limit it has no style."
+    ),
+    'tasks: verdicts[m] = "good" if signs[m] > 0 else "bad": signs[m] > 0 -> signs[m] >= 0': "None of these is 0.",
+    "reasons: looks = vocabulary.upper if log_odds > 0 else vocabulary.lower: log_odds > 0 -> log_odds >= 0": (
+        "Nearer to 0 than the limit another reason is given."
+    ),
     "groups: return log_likelihood, Groups(0.0, mean, spread, share, noise, np.zeros(1)): 1 -> 2": (
         "The quantiles are filled in later."
     ),

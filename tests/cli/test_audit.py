@@ -16,34 +16,6 @@ from command_line import ok
 from rpil import formats
 
 
-def printed_ranking(result):
-    """The rows of the table, and the titles of its columns."""
-    lines = result.stdout.splitlines()
-    start = next(k for k, line in enumerate(lines) if line.startswith("id "))
-    stop = next(k for k in range(start, len(lines)) if re.match(r"\d+ demonstrations \(", lines[k]))
-    return re.split(r"\s{2,}", lines[start].strip()), [re.split(r"\s{2,}", line) for line in lines[start + 1 : stop]]
-
-
-def test_audit_prints_finding_table_and_next_step(folder):
-    result = ok("audit", folder / "good.parquet")
-    titles, rows = printed_ranking(result)
-    first = re.match(r"Look at these 5 first: ([\d, ]+)\.\n", result.stdout)
-    assert "\n6 of 12 act differently from the rest: " in result.stdout
-    assert titles[:3] == ["id", "verdict", "score"]
-    assert [row[0] for row in rows] == first[1].split(", ")
-    assert all(int(row[0]) >= 6 and row[1] == "outlier" for row in rows)
-    scores = [float(row[2]) for row in rows]
-    assert scores == sorted(scores)
-    assert "P(like" not in result.stdout
-    assert "\n12 demonstrations (1,160 steps): 6 open, 6 outliers. All: --all.\n" in result.stdout
-    assert "\nNo recording faults found.\n" in result.stdout
-    assert "\nWhich is better: " in result.stdout
-    assert result.stderr == ""
-    lines = ok("audit", folder / "good.parquet", "--quiet").stdout.splitlines()
-    assert lines == result.stdout.splitlines()[: len(lines)]
-    assert not re.search("Which is better|Then run", "\n".join(lines))
-
-
 def test_audit_prints_json(folder):
     result = ok("audit", folder / "good.parquet", "--format", "json")
     assert result.stderr == ""

@@ -21,36 +21,22 @@ def missing(observations, ids):
     observations[np.flatnonzero(ids == 4)[60], 1] = np.nan
 
 
-def test_clean_recording():
+def test_frames_a_second_may_be_given():
     write("clean.parquet")
-    result = ok("check", "clean.parquet", "--fail-on", "any")
-    assert "No recording faults" in result.stdout
-    assert "every 33.33 ms" in result.stdout
     slow = json.loads(ok("check", "clean.parquet", "--format", "json", "--fps", "60").stdout)
     assert slow["counts"]["dropped frames"] == len(recording())
 
 
-def test_findings_are_printed_written_and_decide_the_exit_code():
+def test_findings_are_written_and_decide_the_exit_code():
     write("data.parquet", spike)
-    assert "spike: observation 1" in ok("check", "data.parquet").stdout
-    assert "      1  RPIL-108  spike\n" in ok("check", "data.parquet").stdout
     printed = json.loads(ok("check", "data.parquet", "--format", "json").stdout)
     assert printed["counts"] == {"spike": 1}
     (row,) = printed["findings"]
     assert (row["id"], row["rule"], row["first"], row["last"]) == (4, "spike", 60, 60)
     ok("check", "data.parquet", "-o", "faults.csv")
     assert '"spike","4",60,60' in Path("faults.csv").read_text()
-    refused("faults.txt", "check", "data.parquet", "-o", "faults.txt")
     for fail_on, code in (("jump,spike", 1), ("any", 1), ("frozen-sensor", 0)):
         assert call("check", "data.parquet", "--fail-on", fail_on).exit_code == code
-    refused("no rule 'nonsense'", "check", "data.parquet", "--fail-on", "nonsense")
-
-
-def test_expected_findings_do_not_fail():
-    write("data.parquet", spike)
-    Path("faults.json").write_text('{"spike": [4, 5], "idle-head": "all"}')
-    result = ok("check", "data.parquet", "--expected", "faults.json", "--fail-on", "any")
-    assert "1 more is expected" in result.stdout
 
 
 def test_expected_in_another_form_is_refused():
@@ -79,9 +65,7 @@ def test_missing_values_are_reported_with_their_place(stream):
 def test_an_audit_names_the_faults_beside_the_trust():
     write("data.parquet", spike)
     outputs = ["--report", "report.html", "--verdicts", "verdicts.json"]
-    printed = ok("audit", "data.parquet", *outputs).stdout
-    assert "\n1 recording is odd: 4: " in printed
-    assert "\n  All: rpil check.\n" in printed
+    ok("audit", "data.parquet", *outputs)
     with open("verdicts.json") as file:
         assert {row["id"]: row["faults"] for row in json.load(file)}[4] == "spike"
     with open("report.html") as file:

@@ -84,22 +84,6 @@ def test_several_outcomes_are_witnesses_in_each_task_and_one_that_the_others_tur
     np.testing.assert_array_equal(known.outcomes[:, 2], retries[::N_STEPS])
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--outcome", "x"], "'x' is the id, an observation"),
-        (["--outcome", "-length"], "the outcome '-length' is -40 for every demonstration"),
-        (["--session", "episode_index"], "a value of 'episode_index' of their own each"),
-        (["--session", "file"], "come from one file"),
-        (["--reference", "d.parquet"], "the reference is the data themselves"),
-        (["--reference", "nothing.parquet"], "there is no such file"),
-    ],
-)
-def test_what_cannot_be_used_is_refused(data, options, words):
-    write("good.parquet", 10, {}, 2)
-    refused(words, "audit", data, "-q", "--observations", "x,v", *options)
-
-
 def test_small_sessions_are_named():
     write("s.parquet", 10, {3}, 1)
     notes = audited("s.parquet", "--session", "day")["notes"]

@@ -8,15 +8,6 @@ from pathlib import Path
 from command_line import call, ok, refused
 
 
-def test_info_describes_a_file_in_words_and_as_json(folder):
-    text = ok("info", folder / "good.parquet").stdout
-    said = json.loads(ok("info", folder / "good.parquet", "--format", "json").stdout)
-    assert f"{said['demonstrations']} demonstrations, {said['steps']:,} steps" in text
-    for name in said["observations"]:
-        assert f"  {name}: " in text
-    assert said["order_column"] == "step_index"
-
-
 def test_the_head_of_an_audit_is_what_info_says(folder):
     said = json.loads(ok("info", folder / "good.parquet", "--format", "json").stdout)
     audit = ok("audit", folder / "good.parquet", "--format", "json", "--report", "r.html")

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
-import pytest
 
 import lerobot_folders as folders
 import rpil
@@ -55,37 +54,6 @@ def test_keep_names_what_leaving_out_loses():
     page = Path("r.html").read_text()
     assert page.index("What is lost without them") < page.index(lost)
     assert lost not in ok(*audit, "--quiet").stdout
-
-
-def test_keep_by_labels_keeps_what_has_no_label(folder):
-    Path("labels.csv").write_text("id,label\n2,expert\n11,good\n4,bad\n")
-    call = ["keep", folder / "good.parquet", "--verdicts", "labels.csv", "-o"]
-    printed = ok(*call, "kept.parquet").stdout.splitlines()
-    assert printed[:4] == [
-        "Kept 11 of 12 demonstrations: kept.parquet",
-        "9 of these are not named in labels.csv: --only IDS keeps some alone.",
-        "Rejected: 1 by your labels.",
-        "  by your labels: 4",
-    ]
-    assert rpil.read("kept.parquet").ids == tuple(m for m in range(12) if m != 4)
-    left = "no demonstration is left by the verdicts of labels.csv; choose with --share, or change labels"
-    refused(left, *call, "none.parquet", "--only", "4")
-
-
-def test_keep_refuses_before_it_judges(folder, monkeypatch):
-    monkeypatch.setattr("rpil.cli.keep.judge", lambda *_: pytest.fail("judged"))
-    data = folder / "good.parquet"
-    Path("there").mkdir()
-    Path("all_bad.csv").write_text("id,label\n" + "".join(f"{m},bad\n" for m in range(12)))
-    Path("other.csv").write_text("id,label\n99,good\n")
-    refused("it is there already", "keep", data, "-o", "there")
-    refused("it is the data themselves", "keep", data, "-o", data)
-    refused("there is no folder", "keep", data, "-o", "no/kept.parquet")
-    refused("exclude each other", "keep", data, "-o", "k.parquet", "--share", 0.5, "--at-least", 0.5)
-    by = ["-o", "k.parquet", "--verdicts"]
-    refused("no demonstration is left by the verdicts of all_bad.csv", "keep", data, *by, "all_bad.csv")
-    refused("no demonstration is called '99'", "keep", data, *by, "other.csv")
-    refused("give it the extension .parquet", "keep", data, "-o", "k.csv")
 
 
 def test_convert_writes_operator_and_task_of_each_demonstration():

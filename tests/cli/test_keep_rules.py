@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 
 import rpil
 from asked import BAD, write
@@ -39,9 +40,6 @@ def test_an_audit_lists_what_keep_keeps():
     ok("keep", data, "-o", "k.parquet", *COLUMNS, *more, "--ignore", "labels", "--ignore", "answers, outcome", "-q")
     assert kept_in("k.parquet") == {*range(FEW)}
     assert ("labels", "outcome", *RULES_OF_VERDICTS.values()) == CHOICE_RULES
-    refused("'x' is not one of 'labels', 'outcome'", "keep", data, "-o", "k.parquet", "--ignore", "labels,x")
-    for words in (["--ignore", "outcome"], ["--without-faults", "jump"]):
-        refused("give --keep OUT.json", "audit", data, *words)
 
 
 SUCCESS = {"success": np.repeat([m not in {2, 3} for m in range(FEW)], 40).astype(int)}
@@ -54,7 +52,7 @@ def test_an_outcome_of_zero_rejects_at_once():
     assert printed[1:] == ["Rejected: 2 by success = 0.", "  by success = 0: 2 and 3"]
     assert kept_in("k.parquet") == {*range(FEW)} - {2, 3}
     shown = ok("audit", *words, "--verdicts", "v.csv", "--report", "r.html", "-q").stdout
-    assert re.search(r"By your answers: .*2 bad \((2, 3|3, 2)\)", shown)
+    assert re.search(r"By the outcomes: .*2 bad \((2, 3|3, 2)\)", shown)
     rows = {row["id"]: row for row in csv.DictReader(Path("v.csv").read_text().splitlines())}
     assert [(rows[m]["verdict"], rows[m]["reason"][:9]) for m in "23"] == [("bad", "success 0")] * 2
     assert '"success 0' in Path("r.html").read_text()
@@ -129,9 +127,32 @@ def test_faults_that_are_named_are_rejected():
     assert re.fullmatch(r"note: --without-faults: dropped frames was not checked, because [^\n]+\.\n", said)
 
 
-def test_a_table_of_verdicts_names_each_demonstration_once():
-    other = write("o.parquet", FEW)
-    Path("v.csv").write_text("id,verdict,label\n0,bad,bad\n1,good,\n0,good,\n")
-    refused(r"v\.csv: '0' has two rows", "keep", other, "--verdicts", "v.csv", "-o", "k.parquet")
-    Path("v.csv").write_text("junk\n")
-    refused(r"v\.csv", "keep", other, "--verdicts", "v.csv", "-o", "k.parquet")
+def test_a_share_is_of_demonstrations_that_have_a_number():
+    """Those that a table does not name would rank above all that it names."""
+    data, few = write("d.parquet", FEW), ["--only", "0-11", "-q"]
+    ok("audit", data, *COLUMNS, *few, "--verdicts", "v.csv")
+    by = ["keep", data, *COLUMNS, "-o", "k.parquet", "--verdicts", "v.csv"]
+    for choice in (["--share", 0.5], ["--at-least", 0.2]):
+        lacks = "no number in (log_odds|expert_proba) for 12, 13, 14, 15, 16 and 7 more; audit these too, or leave them"
+        assert "out with --without" in refused(lacks, *by, *choice)
+    ok(*by, *few, "--share", 0.5)
+    assert len(kept_in("k.parquet")) == 6
+    assert "12 of these are not named in v.csv" in ok(*by).stdout
+
+
+def test_what_is_no_table_of_verdicts_is_named():
+    data = write("d.parquet", FEW)
+    ok("audit", data, *COLUMNS, "--weights", "w.parquet", "-q")
+    by = ["keep", data, *COLUMNS, "-o", "k.parquet", "--verdicts"]
+    refused(r"w\.parquet: it has no columns id and verdict; give the table of rpil audit --verdicts", *by, "w.parquet")
+
+
+def test_the_command_to_run_next_does_not_repeat_the_memory_of_this_one():
+    data = write("d.parquet", FEW)
+    for command, last in (("info", "Next: "), ("audit", "Then run: ")):
+        printed = ok(command, data, *COLUMNS, "--memory", "70kB").stdout
+        [line] = [line for line in printed.splitlines() if line.startswith(last)]
+        assert "--memory" not in line
+    ok("audit", data, *COLUMNS, "--memory", "70kB", "-q", "--verdicts", "v.parquet")
+    said = json.loads(pq.read_schema("v.parquet").metadata[b"rpil.provenance"])
+    assert "--memory 70kB" in said["command"]

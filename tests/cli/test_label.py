@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import re
 import sys
 from dataclasses import replace
@@ -14,8 +13,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from asked import BAD, N_STEPS, write
-from command_line import ok, refused
+from asked import N_STEPS, write
+from command_line import refused
 from rpil.cli.label import MAX_QUESTIONS, ask, last_lines
 from rpil.cli.main import main
 from rpil.cli.questions.session import Session
@@ -32,23 +31,6 @@ def label(keys, *arguments):
 
 def rows():
     return Path("labels.csv").read_text().splitlines()
-
-
-def test_a_run_asks_the_pair_first_and_writes_every_answer(data):
-    out = label("x1gq", data)
-    pair = re.search(r"Question 1 of 8 at most. Which is better: (\d+).* or (\d+).*\?", out)
-    assert len(BAD & {int(name) for name in pair.groups()}) == 1
-    assert "Give one of 1, 2, 3, 4, 5, u, s, z, q." in out
-    single = re.search(r"Question 2 of 8 at most. Is it good or bad: (\d+)", out)[1]
-    assert rows() == ["id,label", f"{pair[1]},better than {pair[2]}", f"{single},good"]
-    assert "Now: 20 open, 4 outliers.\nNo verdict changed.\n" in out
-    assert "One answer alone does not" in out
-    assert out.splitlines()[-2:] == [
-        "2 answers of this run in labels.csv.",
-        f"Then run: rpil audit {data} --observations x,v --labels labels.csv",
-    ]
-    found = json.loads(ok("audit", data, "--observations", "x,v", "--labels", "labels.csv", "--format", "json").stdout)
-    assert (found["finding"], found["question"]) == ("answered", None)
 
 
 def test_a_run_goes_on_where_the_last_one_ended(data):
@@ -93,18 +75,9 @@ def test_an_interruption_leaves_the_answers(data, monkeypatch):
     assert len(rows()) == 3
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--labels", "l.json"], "unknown extension '.json' for labels; use one of .csv"),
-        (["--labels", "nowhere/l.csv"], "there is no folder nowhere"),
-        (["--adversary", "marginal"], "keeps nothing to learn from answers; leave out --adversary"),
-        (["--labels", "bad.csv"], "bad.csv, '4' and '3': two answers contradict"),
-    ],
-)
-def test_what_cannot_be_asked_is_refused_before_a_question(data, options, words):
-    Path("bad.csv").write_text("id,label\n3,same as 4\n4,better than 3\n")
-    refused(words, "label", data, "-q", "--observations", "x,v", *options)
+def test_a_named_adversary_learns_from_no_answer(data):
+    words = "keeps nothing to learn from answers; leave out --adversary"
+    refused(words, "label", data, "-q", "--observations", "x,v", "--adversary", "marginal")
 
 
 def test_tasks_are_asked_about_together_and_pairs_between_them_are_left_out():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 import types
@@ -34,22 +33,6 @@ sys.exit(str({"numpy", "scipy", "sklearn", "rich", "pyarrow", "matplotlib", "jin
 
 def test_help_of_every_command_imports_no_slow_module():
     assert subprocess.run([sys.executable, "-c", HELP], capture_output=True, text=True).stderr == "set()\n"
-
-
-def test_fit_reports_two_groups_until_an_answer(folder):
-    raw = "--features", "raw"  # none are chosen, which takes time
-    result = ok("fit", folder / "shifted.parquet", "-o", "p", "--quiet", *raw)
-    assert "Two groups" in result.stdout
-    assert result.stdout.splitlines()[-1] == "Policy: p"
-    assert result.stderr == ""
-    Path("l.json").write_text('{"0": "good", "1": "good", "10": "bad", "11": "bad"}')
-    result = ok("fit", folder / "shifted.parquet", "-o", "p", "--labels", "l.json", *raw)
-    assert result.stdout.startswith("By your answers: ")
-    counts = {verdict: int(n) for n, verdict in re.findall(r"(\d+) (good|open|bad)\b", result.stdout)}
-    assert min(counts["good"], counts["bad"]) >= 2
-    assert max(counts["good"], counts["bad"]) <= 6
-    assert sum(counts.values()) == 12
-    assert "Two groups" not in result.stdout
 
 
 class FakeDemo:

@@ -28,16 +28,15 @@ def test_what_was_answered_outlives_the_server(data):
     given = {m: "b" if m in BAD else "g" for m in range(10)}
     with reviewing(data, "--observations", "x,v") as (process, client):
         for version, (m, key) in enumerate(given.items()):
-            status, state = client.answer(version, key, m)
+            status, _ = client.answer(version, key, m)
             assert (status, len(read_answers("labels.csv")[0])) == (200, version + 1)
-        assert client.get("/api/view")["view"]["demonstrations"]["verdict"].count("bad") == len(BAD)
+        assert client.view()["demonstrations"]["verdict"].count("bad") == len(BAD)
         process.send_signal(signal.SIGKILL)
     labels = {str(m): "bad" if key == "b" else "good" for m, key in given.items()}
     assert read_answers("labels.csv") == (labels, {})
     with reviewing(data, "--observations", "x,v") as (process, client):
-        state = client.get("/api/view")
-        assert len(state["view"]["answers"]) == 10
-        assert (state["version"], state["n_answers"]) == (0, 0)
+        assert len(client.view()["answers"]) == 10
+        assert client.get("/api/version") == {"version": 0}
         assert client.answer(0, "g", 11)[0] == 200
         assert client.answer(1, "g", 3)[0] == 200, "another label for one of the first run"
         status, seen = client.post("/api/finish", version=2)
@@ -47,7 +46,7 @@ def test_what_was_answered_outlives_the_server(data):
         finished = client.post("/api/finish", version=2, write=True)[1]
         command = f"rpil audit {data} --observations x,v --labels labels.csv"
         assert finished["files"]["keep"] == "labels-keep.json"
-        good = client.get("/api/view")["view"]["demonstrations"]["verdict"]
+        good = client.view()["demonstrations"]["verdict"]
         kept = json.loads(Path("labels-keep.json").read_text())["episodes"]
         assert kept == [m for m, word in enumerate(good) if word != "bad"]
         assert (seen["kept"], seen["rejected"]["labels"]) == (len(kept), sorted(BAD - {3}))

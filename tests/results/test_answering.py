@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from audits import make_audit
 from problems import make, refused
 from rpil import RPIL, DataError, Demonstrations
+from rpil.inference.answers import Answers
 from rpil.inference.findings import FINDINGS
-from rpil.results.answering import NEXT_STEPS, NOT_USED, shown_proba
+from rpil.inference.witnesses import Witnesses
+from rpil.results.answering import NEXT_STEPS, NOT_USED, doubts_of_witnesses, shown_proba, with_answers
 from rpil.results.record import Audit
 from rpil.results.vocabulary import VOCABULARIES
 
@@ -183,3 +187,38 @@ def test_a_probability_claims_no_more_than_the_words():
     assert shown_proba(log_odds, words, "answered", 0.8)[1] == pytest.approx(0.8)
     for finding in ("a group apart", "two groups", "no outliers", "nothing could be learned"):
         assert shown_proba(log_odds, words * 0, finding, 0.9).tolist() == [0.5] * 6
+
+
+def test_answers_that_take_the_place_of_all_are_not_none(audit):
+    """Labels that stayed would look as if they had been taken back."""
+    one = audit.answered(LABELS)
+    assert one.answered({"d3": "good", "d12": "bad"}, instead=True).labelled == ("d3", "d12")
+    with refused("No answer would be left; take the audit before answered\\(\\), or call rpil.audit without any"):
+        one.answered({}, instead=True)
+    assert one.answered() is not audit
+    assert audit.answered({}, instead=True) is audit
+
+
+def test_outcomes_alone_are_no_answers_of_yours(audit):
+    """Bare numbers have no name, and one outcome counts once."""
+    outcome = np.r_[np.ones(9), np.full(4, 2.0)]
+    model = RPIL().fit(TOY.demonstrations, outcome=outcome)
+    assert [doubt for doubt in model.audit_.doubts if "outcome outcome" in doubt] == []
+    assert model.audit_.told == "the outcomes"
+    assert model.audit_.answered({"d0": "good"}).told == "your answers"
+    known = Answers.none(13)
+    for names, twice in ((("a", "-a"), "'a'"), (("-b", "a", "b"), "'b'")):
+        several = replace(known, outcomes=np.zeros((13, len(names))), names=names)
+        with refused(f"The outcome {twice} is given with and without a minus; leave one of them out"):
+            with_answers(audit, several)
+
+
+def test_an_outcome_without_a_name_is_the_outcome():
+    said = Witnesses(np.zeros((3, 2)), np.array([0.1, 0.9]), np.array([1.0, -1.0]))
+    for names, called in (
+        (("outcome", "outcome"), ("the outcome", "The outcome")),
+        (("a", "b"), ("the outcome a", "The outcome b")),
+    ):
+        first, second = doubts_of_witnesses(said, replace(Answers.none(3), names=names))
+        assert first == f"Nothing else that is known confirms {called[0]}, so that it counts for little."
+        assert second == f"{called[1]} contradicts the other answers: less of it counts as better."

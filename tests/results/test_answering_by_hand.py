@@ -20,12 +20,14 @@ from rpil.results.answering import (
     NOTHING_FOLLOWED,
     doubts_of_answers,
     known_demonstrators,
+    looking_order,
     rank_demonstrators,
+    rejecting_rules,
     stretch_of,
     verdicts_of,
     where_to_look,
 )
-from rpil.results.facts import TWO_GROUPS
+from rpil.results.reasons import TWO_GROUPS
 from rpil.results.record import Demonstrator, Interval
 from rpil.results.vocabulary import VOCABULARIES
 
@@ -228,3 +230,32 @@ def test_the_demonstrators_of_an_audit_are_those_that_it_was_given():
     assert found.names == NAMES.names
     assert known_demonstrators((), IDS).names == ()
     assert known_demonstrators((Demonstrator("Ann", None, ("fifth",)),), IDS).names == (None, None, None, None, "Ann")
+
+
+def test_contradicting_labels_are_looked_at_before_outliers_a_group_apart_and_the_lowest_of_the_others():
+    log_odds = np.array([5.0, 3.0, -8.0, 1.0, 9.0, -2.0, -1.0, -1.0, 4.0, 0.0])
+    words = ("open",) * 5 + ("outlier",) * 2 + ("bad", "good", "open")
+    audit = make_audit(words, ids=[f"d{k}" for k in range(10)], log_odds=log_odds)
+    assert looking_order(audit) == ([5, 7, 6, 2, 9, 3, 1, 0, 4, 8], 5), "of equal ones the last first"
+    contradicted = replace(audit, contradicting=("d4", "d6"), competing=(("d0",), ("d9", "d3", "d8")))
+    assert looking_order(contradicted) == ([4, 6, 5, 7, 2, 9, 3, 1, 0, 8], 5)
+    assert looking_order(replace(contradicted, finding="a group apart")) == ([4, 6, 5, 7, 9, 3, 8, 2, 1, 0], 7)
+    assert [looking_order(make_audit(("open",) * n))[1] for n in (4, 59, 60)] == [4, 5, 6]
+
+
+def test_each_rule_rejects_its_own():
+    """The labels of the first two, pairs in which 2 and 3 are worse than 0, a copy of 2, and two that failed."""
+    words = ("bad", "bad", "open", "open", "bad", "open", "open", "open", "adversary")
+    log_odds = np.array([-1.0, -1.0, -1.0, 1.0, -1.0, 0.0, -5.0, 1.0, -1.0])
+    labels, pairs = np.array([1, -1, 0, 0, 0, 0, 0, 0, 0]), np.array([[0, 2], [0, 3]])
+    flags = np.array([[0.0], [np.nan], *[[1.0]] * 4, [np.nan], [0.0], [1.0]])
+    known = Answers(labels, pairs, flags, names=("success",))
+    audit = make_audit(words, log_odds=log_odds, answers=known, copy_of=np.array([0, 1, 2, 3, 4, 2, 6, 7, 8]))
+    expected = ("", "labels", "answers", "", "answers", "answers", "", "outcome", "adversary")
+    assert rejecting_rules(audit) == expected
+    alone = replace(audit, answers=Answers.of_labels(np.minimum(labels, 0)))
+    assert rejecting_rules(alone) == ("", "labels", *[""] * 6, "adversary"), "until two answers contrast"
+
+
+def test_three_labels_are_suggested():
+    assert len(make_audit(("open",) * 9).suggest_labels()) == 3

@@ -278,3 +278,13 @@ def test_choice(asked, ids):
     choice = choose(TABLE, Asked(**asked))
     assert list(choice.kept) == [*ids]
     assert sorted([*choice.kept, *itertools.chain(*choice.rejected.values())]) == TABLE["id"], "each is named once"
+
+
+def test_what_is_inferred_says_from_what():
+    """A table without labels, of another version, does not say that there were none."""
+    table = table_of(["bad", "open", "open"], rules=["answers", "", ""]) | {"said": [""] * 3}
+    assert choose(table).lines()[0] == "Rejected: 1 by inference from the outcomes."
+    for more in ({"label": ["", "good", ""]}, {"said": ["worse than 1", "", ""]}):
+        assert choose(table | more).lines()[0] == "Rejected: 1 by inference from your answers."
+    del table["label"]
+    assert choose(table).lines()[0] == "Rejected: 1 by inference from your answers."

@@ -18,8 +18,8 @@ from rpil.results.overview import (
     look_first,
     overview_html,
     overview_text,
-    shortened,
 )
+from rpil.results.vocabulary import short_id
 
 
 def test_the_text_names_finding_words_doubts_question_and_the_lowest_three():
@@ -39,10 +39,10 @@ def test_the_text_names_finding_words_doubts_question_and_the_lowest_three():
 
 
 def test_names_stay_in_one_short_line():
-    assert shortened("a\nb\tc") == "a b c"
-    assert shortened("x" * 41) == "x" * 37 + "..."
-    assert shortened("x" * 40) == "x" * 40
-    assert shortened(7) == "7"
+    assert short_id("a\nb\tc") == r"a\nb\tc"
+    assert short_id(f"{'x' * 20}{'y' * 9}") == f"...{'x' * 16}{'y' * 9}", "the end tells which one it is"
+    assert short_id("x" * 28) == "x" * 28
+    assert short_id(7) == "7"
     audit = make_audit(("open",) * 3, ids=["a\nb", "x" * 500, "\u202e"])
     assert len(overview_text(audit).splitlines()) == 8
     assert max(map(len, overview_text(audit).splitlines()[1:])) < 120
@@ -74,7 +74,7 @@ def test_faulty_ones_come_first_and_labelled_ones_not_at_all():
     audit = ranked(20, labels={0: 1, 9: -1})
     assert look_first(audit, faulty=[17, 9, 2, "gone"]) == [17, 2, 1, 3, 4]
     assert first_sentence(audit, [17]) == "Look at these 5 first: 17, 1, 2, 3, 4."
-    assert first_sentence(ranked(2, labels={1: 1}), named=lambda name: f"<{name}>") == "Look at this 1 first: <0>."
+    assert first_sentence(ranked(2, labels={1: 1})) == "Look at this 1 first: 0."
     assert first_sentence(ranked(2, labels={0: 1, 1: 1})) == "Every demonstration has a label."
     assert first_sentence(ranked(2)) == "Look at these 2 first: 0, 1."
     many = first_sentence(ranked(200))

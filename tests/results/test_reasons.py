@@ -6,16 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import logit
 
 from audits import make_audit
 from rpil.inference.answers import Answers
-from rpil.results.reasons import FIFTHS, MIN_STRETCH, worst_stretch
+from rpil.results.reasons import FIFTHS, MIN_STRETCH, at_a_glance, span, worst_stretch
 
 NO_STRETCH = {"step_log_ratio": np.ones(40), "lengths": [20, 20]}
 
 
 def test_worst_stretch_has_the_lowest_sum_of_all_stretches() -> None:
-    assert worst_stretch(np.array([1.0, -MIN_STRETCH / 2, 1.0])) is None
+    assert worst_stretch(np.array([1.0, -4.9, 1.0])) is None, "that is less than 150 to one"
+    assert worst_stretch(np.array([1.0, -5.1, 1.0])) == (1, 1, pytest.approx(-5.1))
+    assert worst_stretch(np.array([1.0, -6.0, 20.0])) == (1, 1, -6.0), "what comes after it does not begin it"
     for seed in range(20):
         ratio = np.random.default_rng(seed).normal(0.2, 2.0, 25)
         sums = {(i, j): ratio[i : j + 1].sum() for i in range(25) for j in range(i, 25)}
@@ -59,6 +62,8 @@ def test_reason_of_an_open_one_is_true_of_high_and_of_low_log_odds() -> None:
         ("open",) * 4, log_odds=log_odds, anchor="answers", finding="answered", **NO_STRETCH | {"lengths": [10] * 4}
     )
     between = "Its score is between those of good and bad ones."
+    at_limit = replace(audit, log_odds=np.full(4, logit(audit.settings.min_proba("answers"))))
+    assert {reason.partition(" (")[0] for reason in at_limit.reasons} == {"Looks good"}
     high, low = (f"Looks {one}; left open to be safe." for one in ("good (place 1 of 4)", "bad (place 4 of 4)"))
     assert audit.reasons == (high, between, between, low)
 
@@ -75,6 +80,10 @@ def test_outcome_is_the_reason_where_it_decided() -> None:
     log_odds = np.array([3.0, 0.0, -3.0, -3.0, 4.0])
     known = {"anchor": "answers", "finding": "answered", "answers": answers, "log_odds": log_odds}
     steps = {"step_log_ratio": np.ones(100), "lengths": [20] * 5}
+    alone = known | {"answers": replace(answers, labels=np.zeros(5, dtype=int))}
+    assert make_audit(("open",) * 3 + ("bad",) * 2, **alone, **steps).reasons[3] == (
+        "Bad by the outcomes about others like it."
+    )
     assert make_audit(("good", "open", "bad", "bad", "good"), **known, **steps).reasons == (
         "Its outcome is among the highest.",
         "Its score is between those of good and bad ones.",
@@ -94,11 +103,10 @@ def test_answers_about_others_are_the_reason_for_a_demonstration_without_one() -
 
 
 def test_without_outliers_a_reason_is_the_place_in_the_ranking() -> None:
-    audit = make_audit(
-        ("open",) * 5, finding="no outliers", log_odds=np.arange(5.0), **NO_STRETCH | {"lengths": [8] * 5}
-    )
+    plain = {"lengths": [4] * 10, "step_log_ratio": np.ones(40)}
+    audit = make_audit(("open",) * 10, finding="no outliers", log_odds=np.arange(10.0), **plain)
     fifths = [reason.removesuffix(" of the ranking, not clearly different.") for reason in audit.reasons]
-    assert fifths == [*FIFTHS]
+    assert fifths == [fifth for fifth in FIFTHS for _ in range(2)]
     ratios = {"step_log_ratio": np.full(40, -1.0), "lengths": [20, 20]}
     bad = make_audit(("open",) * 2, finding="no outliers", **ratios).reasons[0]
     assert bad.endswith("not clearly different; different nearly throughout.")
@@ -117,3 +125,49 @@ def test_competing_groups_wait_for_a_label(finding: str) -> None:
 def test_a_named_adversary_is_named_in_reasons() -> None:
     audit = make_audit(("expert", "adversary"), anchor="named adversary", finding="mixture", **NO_STRETCH)
     assert audit.reasons == ("Acts like the expert.", "Acts like the adversary.")
+
+
+def test_a_span_is_in_steps_or_in_seconds():
+    assert [span(3, last, None) for last in (3, 4)] == ["at step 3", "at steps 3 to 4"]
+    assert [span(3, last, 10.0) for last in (3, 4)] == ["at 0.3 s", "from 0.3 to 0.5 s"]
+    assert span(30, 31, 1000.0) == "at 0.0 s", "which no reader can tell apart"
+
+
+def test_at_a_glance_what_it_does_or_else_why():
+    """A failure says more than what differs; where nothing is seen, the reason stands alone."""
+    ratio = np.ones(80)
+    ratio[[25, 45, 65]] = -9.0
+    seen = "at step 5: elbow is -70; others there have -9 to 12"
+    flags = replace(Answers.none(4), outcomes=np.array([1.0, 1, 0, 1])[:, None], names=("success",))
+    words = ("open", "outlier", "bad", "outlier")
+    audit = make_audit(words, lengths=[20] * 4, step_log_ratio=ratio, deviations=("", seen, seen, ""), answers=flags)
+    assert audit.reasons[2] == "success 0; most different at step 5: elbow is -70; others there have -9 to 12."
+    shown = [at_a_glance(audit, audit.reasons[m], m) for m in range(4)]
+    does = "elbow is -70; others there have -9 to 12"
+    assert shown == [("", "Above the middle of the ranking"), ("step 5", does), ("step 5", "success 0"), ("step 5", "")]
+    assert at_a_glance(replace(audit, fps=10.0), audit.reasons[1], 1) == ("0.5 s", does)
+    assert at_a_glance(replace(audit, rejected_by=()), audit.reasons[2], 2) == ("step 5", does)
+
+
+def test_what_was_said_is_the_reason_unless_others_speak_for_it():
+    pairs = replace(Answers.none(3), pairs=np.array([[0, 1], [0, 2]]))
+    known = {"anchor": "answers", "finding": "answered", "answers": pairs, "log_odds": np.array([1.0, -4.0, 4.0])}
+    audit = make_audit(("open", "bad", "good"), lengths=[9] * 3, step_log_ratio=np.ones(27), **known)
+    assert audit.reasons[1:] == ("You called it worse than 0.", "Good by your answers about others like it.")
+
+
+def test_of_outcomes_that_are_not_heard_none_is_a_reason():
+    values = np.array([9.0, 1.0, 5.0, np.nan])[:, None]
+    for heard, said in (
+        ((1,), "Its outcome is among the highest."),
+        ((0,), "Good by the outcomes about others like it."),
+    ):
+        answers = replace(Answers.none(4), outcomes=values, names=("a",), heard=heard)
+        known = {"anchor": "answers", "finding": "answered", "answers": answers, "log_odds": np.array([4.0, -4, 0, 4])}
+        audit = make_audit(("good", "bad", "open", "good"), lengths=[9] * 4, step_log_ratio=np.ones(36), **known)
+        assert audit.reasons[0] == said
+        middle = replace(audit, answers=replace(answers, outcomes=np.array([9.0, 5.0, 1.0, np.nan])[:, None]))
+        assert middle.reasons[1] == "Bad by the outcomes about others like it.", "it is none of the lowest"
+        highest = replace(audit, answers=replace(answers, outcomes=np.array([5.0, 1.0, 9.0, np.nan])[:, None]))
+        assert highest.reasons[0] == "Good by the outcomes about others like it.", "it is none of the highest"
+        assert audit.reasons[3] == "Good by the outcomes about others like it.", "its own is not known"

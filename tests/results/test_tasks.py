@@ -11,17 +11,17 @@ from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
 from rpil.results.judged import ALONE
 from rpil.results.record import Interval
-from rpil.results.tasks import join_audits, with_labels_alone
+from rpil.results.tasks import join_audits
 
 IDS, NAN = (0, "a", 1, "b", "c"), np.nan
 PLACES = {"one": [0, 2], "other": [1, 3], "alone": [4]}
 
 
-def joined(one=None, other=None, what="tasks"):
+def joined(one=None, other=None, what="tasks", answers=None, **more):
     """The audit of two tasks of two demonstrations each, of one and three steps, and of one that is alone."""
     steps = {"verdicts": ("open",) * 2, "lengths": [1, 3]}
     parts = {"one": make_audit(**(steps | (one or {}))), "other": make_audit(**(steps | {"ids": "ab"} | (other or {})))}
-    return join_audits(parts, PLACES, IDS, np.array([0, 1, 2, 5, 8, 10]), what)
+    return join_audits(parts, PLACES, IDS, np.array([0, 1, 2, 5, 8, 10]), answers or Answers.none(5), what, **more)
 
 
 def test_each_demonstration_keeps_what_its_own_task_says():
@@ -32,7 +32,7 @@ def test_each_demonstration_keeps_what_its_own_task_says():
     assert places == {"lift": [*range(0, 20, 2)], "turn": [*range(1, 20, 2)], "push": [20]}
     lengths = [*np.ravel([lift.lengths, turn.lengths], order="F"), 7]
     offsets = np.concatenate([[0], np.cumsum(lengths)])
-    audit = join_audits({"lift": lift, "turn": turn}, places, ids, offsets)
+    audit = join_audits({"lift": lift, "turn": turn}, places, ids, offsets, Answers.none(21))
     assert audit.ids == tuple(ids)
     for part, rows in ((lift, places["lift"]), (turn, places["turn"])):
         assert [audit.reasons[m] for m in rows] == [*part.reasons]
@@ -58,7 +58,8 @@ def test_bad_ones_are_kept_until_the_answers_of_their_own_task_contrast(labels, 
     places = {"one": [*range(6)], "other": [*range(6, 12)]}
 
     def joined(*of):
-        return join_audits(dict(zip(places, of, strict=True)), places, "abcdefuvwxyz", offsets)
+        known = Answers.of_labels(np.concatenate([part.answers.labels for part in of]))
+        return join_audits(dict(zip(places, of, strict=True)), places, "abcdefuvwxyz", offsets, known)
 
     assert len(joined(*parts).choice.kept) == n_kept
     other = replace(parts[1], identifiable=False)
@@ -75,25 +76,25 @@ def test_what_was_said_before_any_answer_and_columns_stay_with_their_tasks():
     fewer = np.delete(wide, len(CHANNELS), axis=1)
     audit = joined({"columns": wide}, {"columns": fewer})
     assert audit.columns[0].tolist() == [*range(len(CHANNELS)), len(CHANNELS) + 3]
-    assert join_audits({}, {"": [0]}, [0], np.arange(2)).columns.shape == (1, 0)
+    nothing = join_audits({}, {"": [0]}, [0], np.arange(2), Answers.none(1))
+    assert (nothing.columns.shape, nothing.finding) == ((1, 0), "nothing could be learned")
 
 
-def test_answers_are_about_the_same_demonstrations_as_in_their_tasks():
-    """Of a task all outcomes may be alike, and are then no outcomes of it."""
-    ends = np.array([[np.nan, 7.0], [2.0, 8.0]]), np.array([[0.5], [np.nan]])
-    one = Answers(np.array([1, 0]), np.array([[1, 0]]), ends[0], np.array([[0, 1]]), ("-b", "a"))
-    other = Answers(np.array([0, -1]), np.array([[0, 1]]), ends[1], np.array([[1, 0]]), ("a",))
-    audit = joined({"answers": one}, {"answers": other})
-    answers = audit.answers
+def test_answers_of_all_stay_but_for_pairs_of_different_tasks():
+    """An outcome is heard as in the task that hears it most; one that is alike in all of a task is none of it."""
+    ends = np.array([[np.nan, 7, 1], [2, 8, 1], [0.5, 1, 1], [3, 1, 1], [4, 1, 1]])
+    pairs, tied = np.array([[2, 0], [0, 1], [1, 3], [4, 0]]), np.array([[0, 2], [3, 1], [3, 4]])
+    given = Answers(np.array([1, 0, 0, -1, 0]), pairs, ends, tied, ("-b", "a", "c"))
+    one, other = (
+        replace(Answers.none(2), names=("-b", "a"), heard=(0, -1)),
+        replace(Answers.none(2), names=("-b",), heard=(1,)),
+    )
+    answers = joined({"answers": one}, {"answers": other}, answers=given).answers
+    assert (answers.names, answers.heard) == (given.names, (1, -1, 1))
+    assert (answers.pairs.tolist(), answers.tied.tolist()) == ([[2, 0], [1, 3]], [[0, 2], [3, 1]])
+    np.testing.assert_array_equal(answers.outcomes.T, [ends.T[0], [7, NAN, 1, NAN, 1], [NAN, NAN, NAN, NAN, 1]])
     assert answers.labels.tolist() == [1, 0, 0, -1, 0]
-    assert [[IDS[m] for m in pair] for pair in answers.pairs.tolist()] == [[1, 0], ["a", "b"]]
-    assert [[IDS[m] for m in pair] for pair in answers.tied.tolist()] == [[0, 1], ["b", "a"]]
-    assert answers.names == ("-b", "a")
-    np.testing.assert_array_equal(answers.outcomes.T, [[NAN, NAN, 2, NAN, NAN], [7, 0.5, 8, NAN, NAN]])
-    given = replace(Answers.none(5), outcomes=np.arange(15.0).reshape(5, 3), names=("c", "a", "-b"))
-    answers = with_labels_alone(audit, [4], given, for_learner=False).answers
-    np.testing.assert_array_equal(answers.outcomes.T, [[NAN] * 4 + [12], [7, 0.5, 8, NAN, 13], [NAN, NAN, 2, NAN, 14]])
-    assert answers.names == given.names
+    assert joined(answers=given).answers.heard is None, "nothing was learned of them"
 
 
 def test_of_a_demonstration_that_is_alone_nothing_is_known():
@@ -126,9 +127,10 @@ def test_the_finding_that_says_most_and_an_anchor_that_all_share():
 def test_the_prior_is_the_mean_over_demonstrations():
     one = make_audit(("open",), lengths=[1], prior=Interval(0.1, 0.0, 0.2))
     three = make_audit(("open",) * 3, lengths=[1] * 3, prior=Interval(0.5, 0.4, 0.8))
-    prior = join_audits({"one": one, "three": three}, {"one": [0], "three": [1, 2, 3]}, range(4), np.arange(5)).prior
+    places = {"one": [0], "three": [1, 2, 3]}
+    prior = join_audits({"one": one, "three": three}, places, range(4), np.arange(5), Answers.none(4)).prior
     assert (prior.mean, prior.low, prior.high) == pytest.approx((0.4, 0.3, 0.65))
-    assert join_audits({}, {"": [0]}, [0], np.arange(2)).prior == Interval(0.5, 0.0, 1.0)
+    assert join_audits({}, {"": [0]}, [0], np.arange(2), Answers.none(1)).prior == Interval(0.5, 0.0, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -149,24 +151,35 @@ def test_the_names_of_tasks_and_sessions(tasks, sessions, places):
 
 @pytest.mark.parametrize(("label", "sign"), [("good", 1), ("bad", -1), ("", 0)])
 def test_a_demonstration_that_is_alone_has_the_word_of_its_label_and_as_certain_as_an_answer_is(label, sign):
-    before = joined({"labels": {0: 1}})
-    labels = Answers.of_labels(np.array([0, 0, 0, -1, sign]))  # that of a demonstration which was judged does not count
-    audit = with_labels_alone(before, [4], labels, for_learner=True)
+    parts, labels = ({"labels": {0: 1}}, {"labels": {"b": -1}}), np.array([1, 0, 0, -1, 0])
+    before = joined(*parts, answers=Answers.of_labels(labels))
+    after = [
+        joined(*parts, answers=Answers.of_labels(labels + np.eye(5, dtype=int)[4] * sign), for_learner=learns)
+        for learns in (True, False)
+    ]
     odds = 1e6 - 1  # P(good) is 1 - 1e-6 (`AnswerSettings.min_proba_bound`)
-    assert audit.log_odds[4] == audit.from_label[4] == pytest.approx(sign * np.log(odds))
-    assert audit.expert_proba[4] == pytest.approx({1: odds / (1 + odds), 0: 0.5, -1: 1 / (1 + odds)}[sign])
-    assert audit.step_weight[8:] == pytest.approx([1.0 if not sign else audit.expert_proba[4]] * 2)
-    assert (audit.verdicts[4], audit.reasons[4]) == ((label, f"Labelled {label}.") if sign else ("open", ALONE))
-    assert audit.answers.labels.tolist() == [1, 0, 0, 0, sign]
-    assert audit.rejected_by[4] == ("labels" if sign < 0 else "")
-    for name in ("log_odds", "from_label", "expert_proba", "verdicts", "reasons"):  # those of tasks stay
-        assert list(getattr(audit, name)[:4]) == list(getattr(before, name)[:4])
-    np.testing.assert_array_equal(audit.step_weight[:8], before.step_weight[:8])
+    for audit, learns in zip(after, (True, False), strict=True):
+        assert audit.log_odds[4] == audit.from_label[4] == pytest.approx(sign * np.log(odds))
+        assert audit.expert_proba[4] == pytest.approx({1: odds / (1 + odds), 0: 0.5, -1: 1 / (1 + odds)}[sign])
+        assert audit.step_weight[8:] == pytest.approx([audit.expert_proba[4] if sign and learns else 1.0] * 2)
+        assert (audit.verdicts[4], audit.reasons[4]) == ((label, f"Labelled {label}.") if sign else ("open", ALONE))
+        assert audit.rejected_by[4] == ("labels" if sign < 0 else "")
+        for name in ("log_odds", "from_label", "expert_proba", "verdicts", "reasons", "rejected_by"):
+            assert list(getattr(audit, name)[:4]) == list(getattr(before, name)[:4]), "those of tasks stay"
+        np.testing.assert_array_equal(audit.step_weight[:8], before.step_weight[:8])
+
+
+def test_a_demonstration_that_is_alone_and_failed_is_bad():
+    flags = replace(Answers.none(5), outcomes=np.array([1.0, 1, 0, 1, 0])[:, None], names=("success",))
+    audit = joined({"answers": flags.select([0, 2])}, answers=flags)
+    assert (audit.verdicts[4], audit.reasons[4], audit.rejected_by[4]) == ("bad", "success = 0.", "outcome")
+    assert audit.verdicts[2] == "open", "of those that were judged their tasks decide"
 
 
 def test_a_note_names_five_tasks_at_most():
     noted = make_audit(("open",), lengths=[1], notes=("Part 3 rests.",))
     audits = {f"block\x1b {k}": noted for k in range(9)} | {"other": make_audit(("open",), lengths=[1])}
-    audit = join_audits(audits, {task: [m] for m, task in enumerate(audits)}, range(10), np.arange(11))
+    places = {task: [m] for m, task in enumerate(audits)}
+    audit = join_audits(audits, places, range(10), np.arange(11), Answers.none(10))
     names = ", ".join(rf"block\x1b {k}" for k in range(5))
     assert audit.notes == (f"{names} and 4 more: Part 3 rests.",)

@@ -1,19 +1,22 @@
-"""The command ``rpil audit``."""
+"""The command ``rpil audit``, which prints at most 25 lines of 80 columns, or with ``--all`` a row for every
+demonstration."""
 
 from __future__ import annotations
 
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
 
-from rpil.cli import terminal
-from rpil.cli.commands import check_paths, judge, look_for_faults
-from rpil.cli.label import LABELS_FILE
+from rpil.cli import commands, terminal
 from rpil.cli.options import (
     CHOICE_NAMES,
     CHOICE_OPTIONS,
     JUDGE_OPTIONS,
+    LABELS_FILE,
     OutputFile,
     RunOptions,
     Value,
@@ -22,11 +25,13 @@ from rpil.cli.options import (
     verdict_limit,
     with_options,
 )
-from rpil.cli.outputs import OUTPUTS, choice_asked, lines_after_output, tell_if_too_many, write_outputs
-from rpil.cli.printed_audit import head_lines, next_steps, print_audit
-from rpil.cli.terminal import show_stages
+from rpil.cli.terminal import THEN_RUN, fit, line_width, print_lines, show_stages, table_lines
+from rpil.data.text import MAX_LISTED_NAMES, listed, printable
+from rpil.results.vocabulary import PLURALS, SIDES, in_numbers, short_id
 
 if TYPE_CHECKING:
+    from rpil.faults.report import FaultReport
+    from rpil.formats.scan import Description
     from rpil.results.record import Audit
 
 
@@ -74,47 +79,42 @@ def audit(
 
     No policy is kept: with --features auto none are chosen for one, and the verdicts are those of rpil fit.
     """
-    outputs = {title: options.pop(title) for title in OUTPUTS}
+    outputs = {title: options.pop(title) for title in commands.OUTPUTS}
     if outputs["keep"] is None and any(options[name] for name in CHOICE_NAMES):
         raise click.UsageError("--ignore and --without-faults say what --keep lists: give --keep OUT.json")
     with show_stages(bool(options["quiet"])) as progress:
         given = RunOptions.of(options, guess=fail_on is None and outputs["keep"] is None)
         files = (path for title, path in outputs.items() if title != "annotate")
-        check_paths((file, given.labels, given.reference, *given.columns.files), *files)
+        commands.check_paths((file, given.labels, given.reference, *given.columns.files), *files)
         if outputs["annotate"] is not None:
             from rpil.formats.registry import find
 
             find(file).check_annotate(outputs["annotate"])
-        run = judge(file, given, progress)
-        recording, faults = run.recording, look_for_faults(run.recording, progress, rules=given.without_faults)
-        run = replace(run, faults=faults, asked=choice_asked(given, faults) if outputs["keep"] else None)
-        write_outputs(outputs, run, progress)
+        run = commands.judge(file, given, progress)
+        recording, faults = run.recording, commands.look_for_faults(run.recording, progress, rules=given.without_faults)
+        run = replace(run, faults=faults, asked=commands.choice_asked(given, faults) if outputs["keep"] else None)
+        commands.write_outputs(outputs, run, progress)
     result = run.audit
     if form == "json":
-        click.echo(
-            terminal.to_json(
-                terminal.schema("audit")
-                | {"run": result.run_id, "input": recording.description.to_dict()}
-                | result.to_dict()
-                | {"faults": faults.to_dict(), "keep": run.choice.to_dict()}
-            )
-        )
+        of_data = {"run": result.run_id, "input": recording.description.to_dict()}
+        beside = {"faults": faults.to_dict(), "keep": run.choice.to_dict()}
+        click.echo(terminal.to_json(of_data | result.to_dict() | beside, "audit"))
     elif form != "text":
         from rpil.cli import exchange
         from rpil.results.overview import headline
 
         found = [*exchange.of_audit(result), *exchange.of_faults(faults.findings)]
-        click.echo(exchange.written(form, found, file, ("rpil audit", headline(result))))
+        click.echo(exchange.written(form, found, file, "rpil audit", headline(result)))
     else:
-        within = terminal.fit(result.assumptions[0], terminal.line_width(), 2) if result.within else ()
+        within = fit(result.assumptions[0], line_width(), 2) if result.within else ()
         head = recording.description.short() if all_rows else head_lines(recording.description)
         print_audit(result, [*head, *within, ""], faults, closing_lines(ctx, result), all_rows)
     for title, path in outputs.items():
         if path is not None:
             click.echo(f"{title.capitalize()}: {path}", err=form != "text")
             if form == "text" and not given.quiet:
-                terminal.print_lines(lines_after_output(title, path, run))
-    return tell_if_too_many(result, fail_on)
+                print_lines(commands.lines_after_output(title, path, run))
+    return commands.tell_if_too_many(result, fail_on)
 
 
 def closing_lines(ctx: click.Context, audit: Audit) -> list[str]:
@@ -123,3 +123,127 @@ def closing_lines(ctx: click.Context, audit: Audit) -> list[str]:
         return []
     labels = ctx.params["labels"] or LABELS_FILE
     return ["", *next_steps(audit, labels, command_words(ctx, str(ctx.info_name)))]
+
+
+MAX_LINES, MIN_ROWS, MAX_ROWS = 25, 2, 8
+"""Lines of an audit, and rows of its table, unless all are asked for."""
+
+N_NAMED, N_FOUND = 3, 12
+"""Operators that are named, and demonstrations to label next; those that the finding names, and members of a group."""
+
+SIDE_COLOURS = {"upper": "green", "open": "yellow", "lower": "red"}
+
+
+def print_audit(
+    audit: Audit,
+    head: Sequence[str] = (),
+    faults: FaultReport | None = None,
+    closing: Sequence[str] = (),
+    all_rows: bool = False,
+) -> None:
+    """Print what to look at first, the lines of the `head`, the finding, recording `faults`, the table of those to look
+    at, notes, and the lines of the `closing`."""
+    from rpil.results.overview import first_sentence, look_first
+
+    width, odd = line_width(), [] if faults is None else odd_lines(faults)
+    faulty = () if faults is None else tuple(found.id for found in faults.findings)
+    above = [*fit(first_sentence(audit, faulty), width, 2), *head, *finding_lines(audit), *odd, ""]
+    counts = fit(f"{verdict_sentence(audit)}{'' if all_rows else ' All: --all.'}", width)
+    notes = [*_notes(audit, all_rows, width)]
+    room = MAX_LINES - len([*above, *counts, *closing]) - 1
+    below = [*counts, *(notes if all_rows else notes[: max(room - MIN_ROWS, 0)]), *closing]
+    room = MAX_LINES - len([*above, *below]) - 1
+    shown = look_first(audit, faulty)[: min(MAX_ROWS, max(MIN_ROWS, room))]
+    if all_rows or not shown:
+        shown = audit.ranking()[::-1].tolist()[: None if all_rows else MIN_ROWS]
+    print_lines(above)
+    for line in table_lines(_columns(audit, shown, all_rows), None if all_rows and not sys.stdout.isatty() else width):
+        click.echo(line)
+    print_lines(below)
+
+
+def head_lines(description: Description) -> list[str]:
+    """What was read, in a few lines: the size, the action, and what else a user should know."""
+    width, action = line_width(), f"Action: {listed(description.actions, MAX_LISTED_NAMES, ', ')}."
+    notes = (fit(note, width, 1)[0] for note in description.notes[:2])
+    return [*fit(description.short()[0], width, 2), *fit(action, width, 1), *notes]
+
+
+def finding_lines(audit: Audit) -> list[str]:
+    """The finding, and every doubt."""
+    from rpil.results.overview import headline
+
+    sentences = headline(audit, N_FOUND), *(f"Doubt: {doubt}" for doubt in audit.doubts)
+    return [line for sentence in sentences for line in fit(sentence, line_width(), 2)]
+
+
+def verdict_sentence(audit: Audit) -> str:
+    """How many demonstrations have which verdict."""
+    size = f"{len(audit.ids):,} demonstrations ({audit.offsets[-1]:,} steps)"
+    return f"{size}: {in_numbers(audit.verdict_counts())}."
+
+
+def odd_lines(report: FaultReport) -> list[str]:
+    """How many recordings are odd, and the worst one."""
+    if not report.findings:
+        why = report.not_checked.get("duplicate")  # which is looked for wherever anything is
+        said = f"Recording faults were not looked for: {why}." if why else "No recording faults found."
+        return fit(said, line_width(), 2)
+    worst, n = report.findings[0], len({found.id for found in report.findings})
+    count = f"{n:,} recordings are odd, most of all" if n > 1 else "1 recording is odd:"
+    return [*fit(f"{count} {short_id(worst.id)}: {worst.sentence}.", line_width(), 2), "  All: rpil check."]
+
+
+def _columns(audit: Audit, shown: Sequence[int], all_rows: bool) -> dict[str, list[str]]:
+    """The verdict, or else the place, the score, where to look and why, without what is the same of all; the
+    probability and the whole reason where `all_rows` are printed."""
+    from rpil.results.reasons import at_a_glance
+
+    proba, is_decided = audit.vocabulary.probability, {*audit.verdicts} != {"open"}
+    glances, digits = [at_a_glance(audit, audit.reasons[m], m) for m in shown], 1 + 2 * (abs(audit.log_odds).max() < 1)
+    columns = {
+        "id": [printable(audit.ids[m]) if all_rows else short_id(audit.ids[m]) for m in shown],
+        "place": [f"{audit.ranks[m]:,}" for m in shown],
+        "verdict": [click.style(audit.verdicts[m], fg=SIDE_COLOURS[SIDES[audit.verdicts[m]]]) for m in shown],
+        "score": [f"{value:+,.{digits}f}" for value in audit.log_odds[[*shown]].tolist()],
+        proba: [f"{audit.expert_proba[m]:.3f}" * audit.has_proba(m) for m in shown],
+        "where": [where for where, _ in glances],
+        "why": [printable(audit.reasons[m]) if all_rows else why for m, (_, why) in zip(shown, glances, strict=True)],
+    }
+    left_out = {"where"} if all_rows else {proba, "place" if is_decided else "verdict"}
+    left_out |= {name for name in (proba, "where", "why") if len({*columns[name]}) < 2}
+    return {name: own for name, own in columns.items() if name not in left_out}
+
+
+def _notes(audit: Audit, all_rows: bool, width: int) -> Iterator[str]:
+    """Contradicting labels, operators, groups and notes, a line each, or whole."""
+    lower, sentences = audit.vocabulary.lower, list[str]()
+    if audit.contradicting:
+        names = listed(audit.contradicting, MAX_LISTED_NAMES, ", ")
+        sentences.append(f"Look again: the labels of {names} contradict the other answers.")
+    counts = [(who, audit.verdict_counts(who.demonstrations)[lower]) for who in audit.demonstrators]
+    counts.sort(key=lambda one: -one[1] / len(one[0].demonstrations))  # the largest share first
+    shares = [f"{short_id(who.name)} {n:,} of {len(who.demonstrations):,}" for who, n in counts if n]
+    if shares:
+        names = listed(shares, len(shares) if all_rows else N_NAMED, ", ")
+        sentences.append(f"{PLURALS.get(lower, lower).capitalize()} by operator: {names}.")
+    if counts:
+        sentences.append("To judge within each operator: --session operator, their column.")
+    sentences += [f"Group {letter}, {len(ids):,}: {listed(ids, N_FOUND, ', ')}" for letter, ids in audit.groups.items()]
+    for sentence in [*sentences, *audit.notes]:
+        yield from fit(sentence, width, None if all_rows else 1)
+
+
+def next_steps(audit: Audit, labels_file: str, command: Sequence[str]) -> list[str]:
+    """What to do next: the question whose answer says most, or the demonstrations to label, and the command to run
+    then, which is `command` with ``--labels``."""
+    from rpil.results.answering import NEXT_STEPS
+
+    to_label, sentences = audit.suggest_labels(N_NAMED), [audit.question or f"Next: {NEXT_STEPS[audit.finding]}"]
+    if not audit.question and (audit.finding == "nothing could be learned" or not to_label):
+        return fit(sentences[0], line_width())
+    if not audit.question:
+        sentences.append(f"Best to label first: {listed(to_label, N_NAMED, ', ')}.")
+    sentences.append(f"Answer in {labels_file} (id,label; docs/command-line.md), or let rpil label ask.")
+    lines = [line for sentence in sentences for line in fit(sentence, line_width(), 2)]
+    return [*lines, f"{THEN_RUN}{shlex.join([*command, '--labels', labels_file])}"]

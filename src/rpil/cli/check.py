@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rpil.cli import terminal
-from rpil.cli.commands import check_paths, open_recording, tell_of_set_aside
+from rpil.cli import commands, terminal
 from rpil.cli.options import (
     COLUMN_OPTIONS,
     OutputFile,
@@ -54,7 +53,7 @@ def check(
 
     Rules compare each demonstration with the others; no model is fitted. docs/faults.md describes each rule.
     """
-    check_paths((file, expected), output)
+    commands.check_paths((file, expected), output)
     with show_stages(quiet) as progress:
         from rpil.faults.checking import check as find_faults
         from rpil.faults.report import read_expected
@@ -63,21 +62,21 @@ def check(
         suppressed = read_expected(expected) if expected else {}
         # Missing values are findings, and damage alone is skipped.
         damage = replace(columns, skip_bad=columns.skip_bad and "damage", allow_missing=True)
-        read = open_recording(file, damage, progress)
+        read = commands.open_recording(file, damage, progress)
         progress("checking the steps, and looking at the videos" if options["video"] else "checking")
         looks = {"fps": options["fps"], "video": options["video"]}
         report = find_faults(read, expected=suppressed, skip_bad=bool(columns.skip_bad), **looks)
         if output:
             report.write(output)
-    tell_of_set_aside(read)
+    commands.tell_of_set_aside(read)
     if form == "json":
-        click.echo(terminal.to_json(terminal.schema("check") | report.to_dict()))
+        click.echo(terminal.to_json(report.to_dict(), "check"))
     elif form == "text":
         terminal.print_lines(fault_lines(report))
     else:
         from rpil.cli import exchange
 
-        click.echo(exchange.written(form, exchange.of_faults(report.findings), file, ("rpil check", report.headline)))
+        click.echo(exchange.written(form, exchange.of_faults(report.findings), file, "rpil check", report.headline))
     return int(bool(fatal & set(report.counts)))
 
 

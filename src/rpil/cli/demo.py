@@ -17,9 +17,8 @@ from rpil.estimators.auditing import audit
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rpil import RPIL
 from rpil.numerics.types import Array, Float, Shaped
-from rpil.results.html.page import write_page
+from rpil.results.html.page import About, write_page
 from rpil.results.record import Audit
-from rpil.results.view import About, make_view
 from rpil.results.vocabulary import SIDES
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import Player, Returns, rollout
@@ -33,6 +32,8 @@ LANDER_FEATURES = "folded"
 same verdicts and policies as good, and takes five times as long."""
 
 POLICY_NAMES = {"trust_all": "Trust all", "rpil": "R-PIL", "oracle": "Oracle", "expert": "Expert"}
+TITLES = "Compared with the truth", "A second set", "Returns of the policies"
+"""Of the sections of the report, one for each sentence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +48,8 @@ class DemoResult:
 
     def write_report(self, path: StrPath) -> None:
         """Write the audit of the people, and all comparisons with the truth, to `path` as one HTML file."""
-        titles = "Compared with the truth", "A second set", "Returns of the policies"
-        view = make_view(self.people, About("Overcooked: real people", "cramped_room"))
-        write_page(path, view, tuple(zip(titles, self.sentences, strict=True)))
+        about = About("Overcooked: real people", "cramped_room")
+        write_page(path, self.people, about, tuple(zip(TITLES, self.sentences, strict=True)))
 
 
 def run(*, episodes: int = 100, seed: int = 0, progress: Callable[[str], None] = lambda _: None) -> DemoResult:
@@ -60,20 +60,15 @@ def run(*, episodes: int = 100, seed: int = 0, progress: Callable[[str], None] =
     """
     if episodes < 2:
         raise DataError(f"The demo needs two landings or more for an interval, not {episodes}: raise episodes.")
-
-    def shown(name: str) -> Callable[[str], None]:
-        return lambda stage: progress(f"{name}: {stage}")
-
-    people = audit(load_demonstrations(OVERCOOKED), random_state=seed, progress=shown("Overcooked"))
+    people = audit(load_demonstrations(OVERCOOKED), random_state=seed, progress=lambda s: progress(f"Overcooked: {s}"))
     is_better = load_truth(OVERCOOKED, "is_good")
     sides = people.log_odds[is_better == 1], people.log_odds[is_better == 0]
     interval = bootstrap(sides, auroc, method="percentile", random_state=np.random.default_rng(seed))
     low, high = interval.confidence_interval
     spearman = spearmanr(people.log_odds, load_truth(OVERCOOKED, "episode_quality")).statistic
-    data = load_demonstrations(LUNARLANDER)
-    model = RPIL(LANDER_FEATURES, random_state=seed, progress=shown("LunarLander")).fit(data)
-    is_good = load_truth(LUNARLANDER, "is_good") == 1
-    is_lower = np.array([SIDES[verdict] == "lower" for verdict in model.audit_.verdicts])
+    data, is_good = load_demonstrations(LUNARLANDER), load_truth(LUNARLANDER, "is_good") == 1
+    model = RPIL(LANDER_FEATURES, random_state=seed, progress=lambda s: progress(f"LunarLander: {s}")).fit(data)
+    n_wrong = sum((SIDES[word] == "lower") == good for word, good in zip(model.audit_.verdicts, is_good, strict=True))
     policies: dict[str, Player] = {
         "trust_all": BehavioralCloning(LANDER_FEATURES).fit(data),
         "rpil": model,
@@ -86,7 +81,7 @@ def run(*, episodes: int = 100, seed: int = 0, progress: Callable[[str], None] =
         f"did not see: AUROC {auroc(*sides):.2f} (95 % interval {low:.2f} to {high:.2f}, the best third against the "
         f"worst), Spearman {spearman:.2f}.",
         f"LunarLander, 10 expert and 10 corrupted demonstrations: {model.audit_.finding}. "
-        f"{(is_lower == is_good).sum()} of {len(is_good)} verdicts wrong.",
+        f"{n_wrong} of {len(is_good)} verdicts wrong.",
         flown,
     )
     return DemoResult(people, model.audit_, sentences, returns)
@@ -96,15 +91,15 @@ def fly(
     policies: dict[str, Player], episodes: int, seed: int, progress: Callable[[str], None]
 ) -> tuple[dict[str, Returns], str]:
     """The returns of each policy, and a sentence on their means; or nothing, and why."""
-    returns: dict[str, Returns] = {}
+
+    def landings(name: str) -> Returns:
+        def told(done: int, total: int) -> None:
+            progress(f"LunarLander: {POLICY_NAMES[name]} lands, {done} of {total}")
+
+        return rollout(policies[name], LANDER_ENV, n_episodes=episodes, seed=seed, progress=told)
+
     try:
-        for name, policy in policies.items():
-            lands = f"LunarLander: {POLICY_NAMES[name]} lands"
-
-            def count(done: int, total: int, lands: str = lands) -> None:
-                progress(f"{lands}, {done} of {total}")
-
-            returns[name] = rollout(policy, LANDER_ENV, n_episodes=episodes, seed=seed, progress=count)
+        returns = {name: landings(name) for name in policies}
     except MissingExtraError as error:
         return {}, f"No policy has flown. {error}"
     intervals = ((POLICY_NAMES[name], one.mean, *one.ci95) for name, one in returns.items())

@@ -51,18 +51,9 @@ def of_audit(audit: Audit) -> list[NumberedFinding]:
     return found
 
 
-def written(form: str, found: Sequence[NumberedFinding], source: str, head: tuple[str, str]) -> str:
-    """The findings in the data at `source` as "sarif" or "markdown", there below a title and a sentence, the `head`."""
-    title, sentence = head
-    if form == "sarif":
-        return to_json(sarif(found, source))
-    return markdown(f"{title}: {source}", sentence, found)
-
-
-def words_of(number: str) -> str:
-    """What a rule finds, one clause."""
-    name = RULE_NAMES[number]
-    return OF_AUDIT.get(name) or RULES[name].words
+def written(form: str, found: Sequence[NumberedFinding], source: str, title: str, sentence: str) -> str:
+    """The findings in the data at `source` as "sarif" or "markdown", there below a title and a sentence."""
+    return to_json(sarif(found, source)) if form == "sarif" else markdown(f"{title}: {source}", sentence, found)
 
 
 def sarif(found: Sequence[NumberedFinding], source: str) -> dict[str, object]:
@@ -72,19 +63,15 @@ def sarif(found: Sequence[NumberedFinding], source: str) -> dict[str, object]:
     before of both, as there are no lines. What a model says is a note, and what rules find a warning.
     """
     numbers = sorted({one.number for one in found})
-    rules = [
-        {
-            "id": number,
-            "name": RULE_NAMES[number].title().replace(" ", ""),
-            "shortDescription": {"text": words_of(number)},
-            "helpUri": f"{RULES_PAGE}#numbered-rules",
-        }
-        for number in numbers
-    ]
+    rules = []
+    for number, name in ((number, RULE_NAMES[number]) for number in numbers):
+        words = OF_AUDIT.get(name) or RULES[name].words
+        about = {"name": name.title().replace(" ", ""), "shortDescription": {"text": words}}
+        rules.append({"id": number, **about, "helpUri": f"{RULES_PAGE}#numbered-rules"})
     file = {"artifactLocation": {"uri": _address(source)}, "region": {"startLine": 1}}
     seen, results = Counter[tuple[str, str]](), []
     for one in found:
-        name = *one[:2], seen[one[:2]]
+        mark = *one[:2], seen[one[:2]]
         seen[one[:2]] += 1
         result = {
             "ruleId": one.number,
@@ -92,7 +79,7 @@ def sarif(found: Sequence[NumberedFinding], source: str) -> dict[str, object]:
             "level": "note" if RULE_NAMES[one.number] in OF_AUDIT else "warning",
             "message": {"text": f"{one.place}: {to_one_line(one.sentence)}"},
             "locations": [{"physicalLocation": file, "logicalLocations": [{"name": one.place}]}],
-            "partialFingerprints": {"primaryLocationLineHash": hashlib.sha256(repr(name).encode()).hexdigest()},
+            "partialFingerprints": {"primaryLocationLineHash": hashlib.sha256(repr(mark).encode()).hexdigest()},
         }
         results.append(result)
     driver = {"name": "rpil", "version": rpil_version(), "informationUri": RULES_PAGE, "rules": rules}

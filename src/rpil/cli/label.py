@@ -17,11 +17,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rpil.cli import terminal
-from rpil.cli.commands import AuditRun, check_paths, judge, look_for_faults, tell_of_set_aside
-from rpil.cli.options import LABEL_OPTIONS, RunOptions, Value, command_words, with_options
-from rpil.cli.outputs import OUTPUTS, about, write_outputs
-from rpil.cli.printed_audit import finding_lines, verdict_sentence
+from rpil.cli import commands, terminal
+from rpil.cli.audit import finding_lines, verdict_sentence
+from rpil.cli.options import LABEL_OPTIONS, LABELS_FILE, RunOptions, Value, command_words, with_options
 from rpil.cli.terminal import show_stages
 from rpil.data.errors import DataError
 from rpil.data.folders import is_dangling
@@ -31,39 +29,35 @@ if TYPE_CHECKING:
     from rpil.cli.questions.server import Review
     from rpil.cli.questions.session import Session
     from rpil.data.json_files import Parsed
-    from rpil.results.choice import Asked
-    from rpil.results.view import View
+    from rpil.results.html.page import View
 
 MAX_QUESTIONS = 8
 """Questions that one run asks at most."""
 
-LABELS_FILE = "labels.csv"
-
-WITHOUT = "labels", "quiet", "port", "browser"
+WITHOUT = "labels", "quiet", "memory", "port", "browser"
 """Options that an audit with the answers does not need, or does not have."""
 
 BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.parquet"}
 """Files of a review that is finished: beside labels.csv they are labels-keep.json and so on."""
 
 
-def begin(file: str, options: dict[str, Value], most: int | None) -> tuple[AuditRun, Session]:
+def begin(file: str, options: dict[str, Value], most: int | None) -> tuple[commands.AuditRun, Session]:
     """The audit of the data in `file` with the answers in the file of labels, which need not be there, and a run of
     `most` questions about it."""
     given = RunOptions.of(options)
     path = given.labels or LABELS_FILE
-    check_paths((file, *given.columns.files), path)
-    from rpil import formats
-
-    formats.check_labels_file(path)
+    commands.check_paths((file, *given.columns.files), path)
+    if Path(path).suffix.lower() != ".csv":
+        raise DataError(f"{path}: answers are read from and written to CSV (id,label) here; give another --labels.")
     if is_dangling(path):
         raise DataError(f"{path}: it is a link that leads to nothing; remove it, or give another file of labels.")
     before = Path(path).read_bytes() if Path(path).exists() else None
     given = replace(given, labels=path if before is not None else None)
     with show_stages(given.quiet) as progress:
-        run = judge(file, given, progress)
+        run = commands.judge(file, given, progress)
     if not run.audit.columns.size:
         raise DataError(f"{file}: this audit keeps nothing to learn from answers; leave out --adversary.")
-    tell_of_set_aside(run.recording)
+    commands.tell_of_set_aside(run.recording)
     terminal.print_lines([*finding_lines(run.audit), verdict_sentence(run.audit)])
     from rpil.cli.questions.session import Session
 
@@ -178,20 +172,20 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
     terminal.print_lines(last_lines(shown.session, command_words(ctx, "audit", WITHOUT)))
 
 
-def _review(ctx: click.Context, run: AuditRun, session: Session, quiet: bool) -> Review:
+def _review(ctx: click.Context, run: commands.AuditRun, session: Session, quiet: bool) -> Review:
     """What the page shows and changes."""
+    from rpil.cli.questions.material import EpisodeVideos
     from rpil.cli.questions.server import Review
-    from rpil.cli.questions.videos import EpisodeVideos
 
     with show_stages(quiet) as progress:
-        run = replace(run, faults=look_for_faults(run.recording, progress))
+        run = replace(run, faults=commands.look_for_faults(run.recording, progress))
         progress("looking for videos")
         # By another column of ids, no demonstration is an episode that videos are named after.
         videos = EpisodeVideos.of(run.source, () if run.recording.options.id else run.audit.ids, run.audit.fps)
     written: dict[str, object] = {}
     return Review(
         session=session,
-        about=about(run),
+        about=commands.about(run),
         videos=videos,
         finish=lambda given: _finish(ctx, run, session, written, given),
         data=run.recording.demonstrations,
@@ -199,7 +193,11 @@ def _review(ctx: click.Context, run: AuditRun, session: Session, quiet: bool) ->
 
 
 def _finish(
-    ctx: click.Context, run: AuditRun, session: Session, written: dict[str, object], given: Mapping[str, Parsed]
+    ctx: click.Context,
+    run: commands.AuditRun,
+    session: Session,
+    written: dict[str, object],
+    given: Mapping[str, Parsed],
 ) -> View:
     """Which demonstrations are kept, and by which rules the others are not; or, if a page asks to "write", the files
     `BESIDE` that of the answers.
@@ -209,9 +207,13 @@ def _finish(
     "replace" where a user agrees.
     """
     from rpil.formats.registry import find
+    from rpil.results.choice import Asked
     from rpil.results.provenance import digest
 
-    run = replace(run, audit=session.audit, asked=_asked(run, given))
+    said = (given.get(name) for name in ("spared", "rules"))
+    spared, rules = ({*map(str, one)} if isinstance(one, list) else set() for one in said)
+    faulty = {str(fault.id) for fault in (run.faults.findings if run.faults else ()) if fault.rule in rules}
+    run = replace(run, audit=session.audit, asked=Asked(faulty=faulty, spared=spared))
     if not given.get("write"):
         places = {name: m for m, name in enumerate(run.audit.ids)}
         rejected = {rule: [places[name] for name in ids] for rule, ids in run.choice.rejected.items()}
@@ -220,25 +222,14 @@ def _finish(
     beside = {title: f"{Path(session.path).with_suffix('')}-{name}" for title, name in BESIDE.items()}
     for path in filter(os.path.islink, beside.values()):
         raise DataError(f"{path}: it is a link, and no review writes where a link leads; remove it.")
-    check_paths((run.source, session.path, *run.recording.options.files), *beside.values())
+    commands.check_paths((run.source, session.path, *run.recording.options.files), *beside.values())
     others = [path for path in beside.values() if os.path.exists(path) and digest(path) != written.get(path)]
     if others and others != given.get("replace"):
         return {"lines": [f"Replace {listed(others)}? This run did not write them."], "exists": others}
     with ctx.scope(cleanup=False):  # the server answers in threads, which have no context
-        write_outputs({title: beside.get(title) for title in OUTPUTS}, run, lambda _: None)
+        commands.write_outputs({title: beside.get(title) for title in commands.OUTPUTS}, run, lambda _: None)
     written |= {path: digest(path) for path in beside.values()}
     suffix = ".json" if find(run.source).unkept(run.recording.options) else Path(run.source).suffix
     new = f"{Path(run.source).stem}-kept{suffix}"
     command = [*command_words(ctx, "keep", WITHOUT), "--verdicts", beside["keep"], "-o", new]
     return {"files": beside, "lost": run.lost, "command": shlex.join(command)}
-
-
-def _asked(run: AuditRun, given: Mapping[str, Parsed]) -> Asked:
-    """What a page says of demonstrations that are kept all the same, and of faults that reject."""
-    from rpil.results.choice import Asked
-
-    spared, rules = (
-        {*map(str, one)} if isinstance(one, list) else set() for one in map(given.get, ("spared", "rules"))
-    )
-    faulty = {str(fault.id) for fault in run.faults.findings if fault.rule in rules} if run.faults else set()
-    return Asked(faulty=faulty, spared=spared)

@@ -4,19 +4,20 @@ is fast."""
 from __future__ import annotations
 
 import shlex
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rpil.cli import commands, terminal
-from rpil.cli.audit import audit, closing_lines
+from rpil.cli.audit import audit, closing_lines, finding_lines, verdict_sentence
 from rpil.cli.check import check
-from rpil.cli.commands import Commands, check_paths
-from rpil.cli.keep import convert, keep
 from rpil.cli.label import label, review
 from rpil.cli.options import (
+    CHOICE_OPTIONS,
     COLUMN_OPTIONS,
     FIT_OPTIONS,
+    JUDGE_OPTIONS,
     OutputFile,
     RunOptions,
     command_words,
@@ -27,11 +28,18 @@ from rpil.cli.options import (
     session_option,
     with_options,
 )
-from rpil.cli.printed_audit import finding_lines, verdict_sentence
-from rpil.cli.terminal import LOADING, show_stages
+from rpil.cli.terminal import LOADING, print_lines, show_stages
+from rpil.data.errors import DataError
+from rpil.data.held import holding
+from rpil.data.text import counted
+
+if TYPE_CHECKING:
+    from rpil.results.choice import Table
 
 
-@click.group("rpil", Commands, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    "rpil", commands.Commands, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]}
+)
 @click.version_option(package_name="rpil")
 @click.pass_context
 def main(ctx: click.Context, /) -> None:
@@ -45,7 +53,7 @@ def main(ctx: click.Context, /) -> None:
         click.echo(ctx.get_help())
 
 
-for command in (audit, check, label, review, keep, convert):
+for command in (audit, check, label, review):
     main.add_command(command)
 
 
@@ -65,10 +73,10 @@ def info(ctx: click.Context, /, file: str, form: str, **options: Any) -> None:
     if form == "json":
         click.echo(terminal.to_json(recording.description.to_dict()))
     else:
-        terminal.print_lines(recording.description.lines())
+        print_lines(recording.description.lines())
     recording.demonstrations  # noqa: B018  # what cannot be audited is an error
     if form == "text":
-        words = command_words(ctx, "audit", without=())
+        words = command_words(ctx, "audit", without=("memory",))
         operator = recording.description.operator_column
         more = ["--operator", operator] if operator and columns.operator is None else []
         click.echo(f"\nNext: {shlex.join([*words, *more])}")
@@ -84,7 +92,7 @@ def info(ctx: click.Context, /, file: str, form: str, **options: Any) -> None:
 def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     """Learn a policy from the demonstrations that can be trusted."""
     run = RunOptions.of(options)
-    check_paths((file, run.labels, *run.columns.files), output)
+    commands.check_paths((file, run.labels, *run.columns.files), output)
     with show_stages(run.quiet) as progress:
         recording = commands.open_recording(file, run.columns, progress)
         progress(LOADING)
@@ -95,9 +103,112 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
         model.fit(recording, labels=run.labels)
         save(model, output)
     commands.tell_of_set_aside(recording)
-    terminal.print_lines([*finding_lines(model.audit_), verdict_sentence(model.audit_)])
-    terminal.print_lines(closing_lines(ctx, model.audit_))
+    print_lines([*finding_lines(model.audit_), verdict_sentence(model.audit_)])
+    print_lines(closing_lines(ctx, model.audit_))
     click.echo(f"Policy: {output}")
+
+
+@main.command()
+@click.argument("file", type=click.Path())
+@click.option(
+    "-o", "--output", type=click.Path(), metavar="NEW", required=True, help="A new file or folder; or a list: ids.json."
+)
+@click.option("--share", metavar="S", type=click.FloatRange(0, 1, min_open=True), help="Keep this share, as .8.")
+@click.option(
+    "--at-least", metavar="P", type=click.FloatRange(0, 1), help="Keep those with a probability of P or more."
+)
+@click.option(
+    "--verdicts",
+    type=click.Path(),
+    metavar="FILE",
+    help="Keep by this file and judge nothing: the table of rpil audit --verdicts, the list of --keep, or labels.",
+)
+@with_options(*CHOICE_OPTIONS, *JUDGE_OPTIONS)
+@holding()
+def keep(
+    file: str,
+    output: str,
+    share: float | None,
+    at_least: float | None,
+    verdicts: str | None,
+    **options: Any,
+) -> None:
+    """Write demonstrations to a new file of the same format, without those that are bad; or, to ids.json, their list.
+
+    Those are bad that a label, or an outcome of 0, calls so; and those that an audit calls bad, after two answers, of
+    which one is good or better and one bad or worse. All others are kept, unless --share or --at-least says otherwise.
+    """
+    if share is not None and at_least is not None:
+        raise click.UsageError("--share and --at-least exclude each other: leave one out")
+    from rpil.formats.registry import find
+
+    source, given = find(file), RunOptions.of(options)
+    source.check_output(output, given.columns)
+    with show_stages(given.quiet) as progress:
+        from rpil.results.choice import choose, verdicts_about
+        from rpil.results.lost import lost_places
+
+        audit, named = None, set[str]()
+        if verdicts is None:
+            run = commands.judge(file, given, progress)
+            read, audit = run.recording, run.audit
+            table: Table = audit.table()
+        else:
+            read = commands.open_recording(file, replace(given.columns, allow_missing=True), progress)
+            table, named = verdicts_about(verdicts, read.demonstrations.ids, read.ids)
+        faults = commands.look_for_faults(read, progress, True, given.without_faults) if given.without_faults else None
+        asked = commands.choice_asked(given, faults, share, at_least)
+        choice = choose(table, asked)
+        if not choice.kept:
+            judged_by = f"the verdicts of {verdicts}" if verdicts else "the audit"
+            remedy = f"{'choose with --share, or ' * ('log_odds' in table)}change labels"
+            raise DataError(f"{file}: no demonstration is left by {judged_by}; {remedy}.")
+        lost = () if given.quiet else lost_places(read.demonstrations, choice.kept)
+        progress(f"writing {output}")
+        read.keep(choice.kept, output)
+    commands.tell_of_set_aside(read)
+    click.echo(f"Kept {len(choice.kept):,} of {len(read.ids):,} demonstrations: {output}")
+    if n_unnamed := len({*map(str, choice.kept)} - named) * bool(verdicts):
+        click.echo(f"{n_unnamed:,} of these are not named in {verdicts}: --only IDS keeps some alone.")
+    print_lines(choice.lines())
+    if not given.quiet:
+        look_at = () if audit is None else commands.look_lines(audit, choice, faults)
+        lines = source.commands_to_keep(read.ids, choice.kept, output)
+        more = ["These ids are kept; rpil convert with --only IDS writes a table of them."]
+        print_lines([*look_at, *lost, *lines, *(more if source.is_list(output) and not lines else ())])
+
+
+@main.command()
+@click.argument("file", type=click.Path())
+@click.option(
+    "-o", "--output", type=click.Path(), metavar="OUT.parquet|OUT.csv|OUT.npz", required=True, help="The file to write."
+)
+@quiet_option
+@with_options(*COLUMN_OPTIONS)
+def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
+    """Write the demonstrations as one table, or as NumPy's arrays: one row per step.
+
+    It holds the observations, the actions, and for each demonstration its operator and task, where the file names them.
+    """
+    columns = pop_columns(options)
+    operator = columns.operator
+    with show_stages(quiet) as progress:
+        from rpil import formats
+
+        formats.writer_of(output)
+        commands.check_paths((file, operator), output)
+        recording = commands.open_recording(file, columns, progress)
+        demonstrations = recording.demonstrations.select(slice(None))  # in memory
+        operators = formats.read_demonstrators(operator, recording) if operator else dict(recording.operators)
+        about = {"operator": operators, "task": recording.tasks}
+        ids = [str(name) for name in demonstrations.ids]
+        truth = {what: [str(of.get(m, "")) for m in ids] for what, of in about.items() if of}
+        progress(f"writing {output}")
+        formats.write(output, demonstrations, truth)
+    commands.tell_of_set_aside(recording)
+    n = len(demonstrations)
+    size = f"{counted(n, 'demonstration')}, {demonstrations.n_steps:,} steps"
+    click.echo(f"{size}: {output}")
 
 
 @main.command()
@@ -112,7 +223,7 @@ def demo(episodes: int, output: str, seed: int, quiet: bool) -> None:
 
     One is of people who play a cooking game, the other of a lunar lander.
     """
-    check_paths((), output)
+    commands.check_paths((), output)
     with show_stages(quiet) as progress:
         from rpil.cli.demo import run
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from rpil.formats.columns import ColumnOptions
 
 
+LABELS_FILE = "labels.csv"
+
 Value = Any
 """What an option holds: click has no types for it."""
 
@@ -208,8 +210,8 @@ def pop_columns(options: dict[str, Value], guess: bool = False) -> ColumnOptions
     )
 
 
-def command_words(ctx: click.Context, name: str, without: Collection[str] = ("labels", "quiet")) -> list[str]:
-    """The command `name` with the arguments of `ctx`, `without` some options."""
+def command_words(ctx: click.Context, name: str, without: Collection[str] = ("labels", "quiet", "memory")) -> list[str]:
+    """The command `name` with the arguments of `ctx`, `without` some options: the memory of now may be too little."""
     words = ["rpil", name]
     for param in ctx.command.params:
         value = ctx.params.get(str(param.name))

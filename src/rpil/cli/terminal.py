@@ -81,14 +81,13 @@ def to_one_line(text: str) -> str:
     return without_secrets(" ".join(click.unstyle(shortened(text)).split()))
 
 
-def schema(command: str) -> dict[str, object]:
-    """What says of the JSON of a command by which of docs/schemas it is; a change that is no addition raises it."""
-    return {"schema": {"name": f"rpil.{command}", "version": 1}}
+def to_json(value: Mapping[str, object], schema: str = "") -> str:
+    """The value as standard JSON, in which NaN and infinity become null.
 
-
-def to_json(value: object) -> str:
-    """The value as standard JSON: NaN and infinity become null."""
-    return json.dumps(finite(value), allow_nan=False)
+    It says by which `schema` of docs/schemas it is, if by any; a change that is no addition raises the version.
+    """
+    said = {"schema": {"name": f"rpil.{schema}", "version": 1}} if schema else {}
+    return json.dumps(finite({**said, **value}), allow_nan=False)
 
 
 def print_lines(lines: Iterable[str]) -> None:

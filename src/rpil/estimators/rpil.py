@@ -201,9 +201,8 @@ class RPIL(PolicyEstimator):
     def _options(self) -> FitOptions:
         """The constructor parameters, with the default settings and a silent progress in the place of None."""
         given = self.get_params(deep=False)
-        names = [field.name for field in fields(FitOptions) if field.name in given]
-        chosen = {name: given[name] for name in names} | {"settings": self.settings or Settings()}
-        chosen["progress"] = self.progress or (lambda _: None)
+        chosen = {field.name: given[field.name] for field in fields(FitOptions) if field.name in given}
+        chosen |= {"settings": self.settings or Settings(), "progress": self.progress or (lambda _: None)}
         return FitOptions(**chosen)
 
     def _keep(self, task: Task, fitted: FitResult) -> RPIL:
@@ -218,9 +217,15 @@ class RPIL(PolicyEstimator):
     @property
     def log_odds_(self) -> Array:
         """`Audit.log_odds`, (M,)."""
-        return self.audit_.log_odds
+        return self._known_audit().log_odds
 
     @property
     def expert_proba_(self) -> Array:
         """`Audit.expert_proba`, (M,)."""
-        return self.audit_.expert_proba
+        return self._known_audit().expert_proba
+
+    def _known_audit(self) -> Audit:
+        """The audit of the fit; an AttributeError of one sentence where there was none, or a file did not hold it."""
+        if not hasattr(self, "audit_"):
+            raise AttributeError("A saved RPIL holds no audit; call rpil.audit on the demonstrations, or fit it again.")
+        return self.audit_

@@ -28,7 +28,7 @@ from rpil.numerics.types import Array
 from rpil.results.record import Audit
 from rpil.results.step_weights import takeover_signs
 from rpil.results.summary import assumption_sentences
-from rpil.results.tasks import join_audits, select, with_labels_alone
+from rpil.results.tasks import first_of, join_audits
 
 MIN_DEMONSTRATIONS = 8
 """Of a task: with fewer the verdicts are weak, as a note says."""
@@ -74,8 +74,7 @@ class Statements:
             outcomes = np.column_stack([answers.outcomes, *facts.outcomes])
             of_files = (f"{name}.csv" if name in facts.outcome_names else name for name in answers.names)
             answers = replace(answers, outcomes=outcomes, names=(*of_files, *facts.outcome_names))
-        demonstrators = recording.options.operator if demonstrators is None else demonstrators
-        named_by = source
+        named_by, demonstrators = source, recording.options.operator if demonstrators is None else demonstrators
         if isinstance(demonstrators, str):
             named_by, demonstrators = demonstrators, read_demonstrators(demonstrators, recording)
         names = names_by_id(demonstrators, read.ids, named_by, ids)
@@ -121,23 +120,19 @@ def fit_within_tasks(
     if len(places) == 1:
         audit, fitted = _fit_group(demonstrations, stated, options, keeps_policy)
         return _with_facts(audit, recording, stated), [fitted]
-    options, fits = replace(options, engine=None), list[tuple[Task, FitResult]]()
+    options, fits, audits = replace(options, engine=None), list[tuple[Task, FitResult]](), dict[str, Audit]()
     what = "sessions" if recording.options.session else "tasks"
     what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
-    audits, n_pairs = dict[str, Audit](), 0
     for group, rows in places.items():
         of_group = stated.select(rows, (demonstrations.ids[m] for m in rows))
-        n_pairs += len(of_group.answers.compared)
         if len(rows) > 1 or stated.reference is not None:
             audits[group], fitted = _fit_group(demonstrations.select(rows), of_group, options, keeps_policy)
             fits.append(fitted)
-    if n := len(stated.answers.compared) - n_pairs:
+    audit = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, stated.answers, what, keeps_policy)
+    if n := len(stated.answers.compared) - len(audit.answers.compared):
         pairs, are = (f"{n} pairs compare", "are") if n > 1 else ("1 pair compares", "is")
         of_two = f"{pairs} demonstrations of different {what}, and {are} left out."
         warnings.warn(f"{stated.answers_source}: {of_two}", stacklevel=1)
-    joined = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, what)
-    alone = [m for group in places.keys() - audits.keys() for m in places[group]]
-    audit = with_labels_alone(joined, alone, stated.answers, for_learner=keeps_policy)
     if not keeps_policy and audit.anchor != "named adversary" and stated.answers.contrast:
         told = np.repeat(stated.answers.said < 0, audit.lengths)  # bad, also in a task where nobody is called good
         weight = np.where(told, np.repeat(audit.expert_proba, audit.lengths), audit.step_weight)
@@ -173,7 +168,7 @@ def _fit_group(
     if stated.taken_over:
         task = replace(task, taken_over=np.concatenate(stated.taken_over))
     result = fit_task(task, options, keeps_policy)
-    audit = result.audit if stated.reference is None else select(result.audit, range(n), ids)
+    audit = result.audit if stated.reference is None else first_of(result.audit, ids)
     if stated.reference is None and n < MIN_DEMONSTRATIONS:
         few = f"{n} demonstrations are too few to judge them well: give {MIN_DEMONSTRATIONS} or more."
         audit = replace(audit, notes=(few, *audit.notes))

@@ -20,9 +20,8 @@ from rpil.inference.findings import DECIDED, FINDINGS
 from rpil.inference.groups import expert_share_interval
 from rpil.inference.witnesses import Witnesses
 from rpil.numerics.types import Array, Float, Int
-from rpil.results.facts import TWO_GROUPS
 from rpil.results.judged import Demonstrator, Interval, Judged
-from rpil.results.reasons import NEARLY_ALL, span, worst_stretch
+from rpil.results.reasons import NEARLY_ALL, TWO_GROUPS, span, worst_stretch
 from rpil.results.step_weights import weights_of
 from rpil.results.vocabulary import SIDES, VOCABULARIES, Verdict
 
@@ -62,6 +61,8 @@ def with_answers(audit: A, known: Answers) -> A:
     if not audit.columns.size:
         raise DataError("This audit keeps nothing to learn from answers; give the labels to fit().")
     check_copied_labels(known, audit.copy_of, audit.ids)
+    if twice := {*known.names} & {f"-{name}" for name in known.names}:
+        raise DataError(f"The outcome {min(twice)[1:]!r} is given with and without a minus; leave one of them out.")
     if not known.once(audit.copy_of).count:
         return audit
     from rpil.mixture.demonstrator_prior import trust_by_demonstrator
@@ -169,12 +170,14 @@ def doubts_of_answers(found: Answered, known: Answers, contrast: bool) -> tuple[
 
 
 def doubts_of_witnesses(found: Witnesses, known: Answers) -> Iterator[str]:
-    """The outcomes that the other answers contradict, or do not confirm."""
+    """The outcomes that the other answers contradict, or do not confirm; numbers that are given in Python are called
+    outcome alone."""
     for name, confirmed, sign in zip(known.names, found.confirmed, found.sign, strict=False):
+        outcome = "outcome" + f" {printable(name)}" * (name != "outcome")
         if confirmed < 0.5:
-            yield f"Nothing else that is known confirms the outcome {printable(name)}, so that it counts for little."
+            yield f"Nothing else that is known confirms the {outcome}, so that it counts for little."
         elif sign < 0:
-            yield f"The outcome {printable(name)} contradicts the other answers: less of it counts as better."
+            yield f"The {outcome} contradicts the other answers: less of it counts as better."
 
 
 def sentence_of(audit: Judged, known: Answers) -> str:
@@ -189,15 +192,12 @@ def sentence_of(audit: Judged, known: Answers) -> str:
     return f"P(good) is learned from {given or 'no answers'}, each of which may be wrong."
 
 
-def is_asked(audit: Judged) -> bool:
-    """Whether the audit asks which of its pair is better: before any answer, unless all scores are the same."""
-    return audit.anchor == "none" and not audit.answers.count and len(audit.pair) == 2
-
-
 def question(audit: Judged) -> str | None:
-    """The question whose answer would say most, and where to look, the worst stretch of each; None after an answer."""
-    places = " or ".join(where_to_look(audit, name) for name in audit.pair)
-    return f"Which is better: {places}?" if is_asked(audit) else None
+    """The question whose answer would say most, "which is better?", and where to look, the worst stretch of each; None
+    after an answer, and where all scores are the same."""
+    if audit.anchor != "none" or audit.answers.count or len(audit.pair) != 2:
+        return None
+    return f"Which is better: {' or '.join(where_to_look(audit, name) for name in audit.pair)}?"
 
 
 def where_to_look(audit: Judged, name: Hashable) -> str:
@@ -236,11 +236,14 @@ def n_first(n_demonstrations: int) -> int:
     return max(MIN_FIRST, n_demonstrations // 10)
 
 
-def suggest(audit: Judged, k: int) -> tuple[Hashable, ...]:
-    """Ids of up to `k` demonstrations whose labels would say most, the best first; none is labelled, a copy of one that
-    is, or of another one among them.
+def suggest_labels(audit: Judged, k: int = 3) -> tuple[Hashable, ...]:
+    """Ids of up to `k` demonstrations without a label whose labels would say most, the best first; none is a copy of
+    one that is labelled, or of another one among them. See `rpil.inference.answered.places_to_ask`.
 
-    See `rpil.inference.answered.places_to_ask`.
+    Raises
+    ------
+    DataError
+        If `k` is not positive.
     """
     if k < 1:
         raise DataError(f"k={k!r} labels cannot be suggested; ask for one at least.")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import chain, compress
@@ -21,10 +22,10 @@ from rpil.data.cells import from_cell
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
 from rpil.data.guard import guarded
-from rpil.data.id_values import read_labels
+from rpil.data.id_values import check_ids, read_labels
 from rpil.data.json_files import LARGEST_TABLE, parse, read_text
 from rpil.data.run import RUN_KEY
-from rpil.data.text import MAX_IDS, listed, printable
+from rpil.data.text import MAX_IDS, MAX_LISTED_NAMES, listed, printable
 from rpil.formats import write_columns
 from rpil.formats.parquet_file import read_table
 from rpil.numerics.types import Array, Float
@@ -38,13 +39,13 @@ Table = Mapping[str, Sequence[object]]
 
 KEEP_RULES = {
     "labels": "by your labels",
-    "outcome": "by {}",
+    "outcome": "by {0}",
     "faults": "with a fault that was named",
-    "answers": "by inference from your answers",
+    "answers": "by inference from {1}",
     "adversary": "like the adversary that was named",
     "threshold": "below --share or --at-least",
 }
-"""The rules by which demonstrations are rejected, as text that follows a number; {} is `Choice.failure`."""
+"""The rules by which demonstrations are rejected, as text that follows a number; {0} is `failure`, {1} `told`."""
 
 RULES_OF_VERDICTS = {"bad": "answers", "adversary": "adversary"}
 """The rule by which a verdict rejects, in a table that says no rule, a demonstration without a label."""
@@ -83,10 +84,12 @@ class Choice:
     """How those failed that an outcome rejects: its column, and the value there."""
     notes: tuple[str, ...] = ()
     """A sentence on each demonstration that is kept although it was called worse than another one."""
+    told: str = "your answers"
+    """From where it is inferred who is bad."""
 
     def words(self, rule: str) -> str:
         """The rule as text that follows a number."""
-        return KEEP_RULES[rule].format(self.failure)
+        return KEEP_RULES[rule].format(self.failure, self.told)
 
     def lines(self) -> list[str]:
         """How many are rejected by each rule, one sentence, and a line for each rule with their ids; then the notes."""
@@ -111,17 +114,8 @@ def choose(table: Table, asked: Asked = Asked()) -> Choice:
     """Which demonstrations of a table of verdicts are kept.
 
     Labels, outcomes of 0 and named faults come first, then a share or a least probability, or where there is none the
-    rules in the column rejected_by, or the verdicts where there is no such column.
-
-    Parameters
-    ----------
-    table : mapping of column to M values
-        As `rpil.results.result.AuditResult.table` and `read_verdicts` give it.
-
-    Raises
-    ------
-    DataError
-        Where the table has no numbers to choose by, or a verdict is none of an audit.
+    rules in the column rejected_by, or the verdicts where there is no such column. A `DataError` where the table, which
+    `AuditResult.table` or `read_verdicts` gave, has no numbers to choose by, or a verdict is none of an audit.
     """
     ids = cast(Sequence[Id], table["id"])
     labels, said = (table.get(name, [""] * len(ids)) for name in ("label", "said"))
@@ -135,7 +129,9 @@ def choose(table: Table, asked: Asked = Asked()) -> Choice:
             failure = how or failure
         elif acts and how.startswith(WORSE) and not (rule or label or str(name) in asked.spared):
             notes.append(f"{printable(name)} is kept though you called it {printable(how)}: one answer more decides.")
-    return Choice(of_rule[""], rejected, asked, failure, tuple(notes))
+    by_outcomes = "label" in table and not any(labels) and not any(str(how).startswith(WORSE) for how in said)
+    told = "the outcomes" if by_outcomes else Choice.told
+    return Choice(of_rule[""], rejected, asked, failure, tuple(notes), told)
 
 
 def _rule_of(name: str, label: object, rule: str, below: bool, asked: Asked) -> str:
@@ -150,34 +146,49 @@ def _rule_of(name: str, label: object, rule: str, below: bool, asked: Asked) -> 
 
 def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
     """The columns of a table of verdicts that an audit wrote, or of labels of the `ids`, which become verdicts, or of
-    the demonstrations to keep that an audit or a review wrote, with the rules that reject the others.
-
-    Raises
-    ------
-    DataError
-        Where the file cannot be read as such.
-    """
+    the demonstrations to keep that an audit or a review wrote, with the rules that reject the others. A `DataError`
+    where the file cannot be read as such."""
     path = check_readable(check_extension(path, TABLE_EXTENSIONS, "verdicts"))
-    columns: dict[str, list[object]]
-    with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
-        if path.suffix.lower() == ".parquet":
+    kind, columns = path.suffix[1:].lower(), dict[str, list[object]]()
+    with guarded(path.name, f"it cannot be read as {kind.upper()}", "write it again"):
+        if kind == "parquet":
             columns = read_table(path).to_pydict()
         else:
             text = read_text(path, LARGEST_TABLE, "utf-8-sig")
-            is_csv = path.suffix.lower() == ".csv"
-            found = csv.DictReader(io.StringIO(text, newline="")) if is_csv else parse(text, path.name, LARGEST_TABLE)
+            found = (
+                csv.DictReader(io.StringIO(text, newline=""))
+                if kind == "csv"
+                else parse(text, path.name, LARGEST_TABLE)
+            )
             if isinstance(found, dict) and isinstance(found.get("rejected"), dict):
                 return _table_of_kept(found)
             rows = list(found)
             columns = (
                 {name: [row[name] for row in rows] for name in rows[0]} if rows and isinstance(rows[0], dict) else {}
             )
-            if is_csv and "id" in columns:
+            if kind == "csv" and "id" in columns:
                 columns["id"] = [from_cell(str(name)) for name in columns["id"]]
     if {"id", "verdict"} <= {*columns}:
         return columns
+    if kind == "parquet":
+        remedy = "give the table of rpil audit --verdicts, the list of --keep, or labels"
+        raise DataError(f"{path.name}: it has no columns id and verdict; {remedy}.")
     labels = read_labels(path, ids)
     return {"id": list(labels), "verdict": list(labels.values()), "label": list(labels.values())}
+
+
+def verdicts_about(path: StrPath, ids: Sequence[Hashable], every: Sequence[Hashable]) -> tuple[Table, set[str]]:
+    """The rows of `read_verdicts` about the demonstrations `ids`, and those that it names, as text; None in the rows of
+    the others. A `DataError` where the file names one that is none of `every` one, or one twice."""
+    table = read_verdicts(path, every)
+    check_ids(table["id"], every, str(path), "the ids")
+    row = {str(name): k for k, name in enumerate(table["id"])}
+    if len(row) < len(table["id"]):
+        [(twice, _)] = Counter(map(str, table["id"])).most_common(1)
+        raise DataError(f"{path}: {twice!r} has two rows; leave one of them.")
+    places = [row.get(str(name)) for name in ids]
+    columns = {name: [None if k is None else values[k] for k in places] for name, values in table.items()}
+    return {**columns, "id": ids}, {*row}
 
 
 def _table_of_kept(kept: Mapping[str, Any]) -> Table:
@@ -199,7 +210,7 @@ def _below(table: Table, asked: Asked) -> list[bool]:
 
 def _by_audit(table: Table) -> list[str]:
     """The rule by which an audit rejects each demonstration, or nothing; where the table has none, by the verdict."""
-    column, known = ("rejected_by", ["", *KEEP_RULES]) if "rejected_by" in table else ("verdict", [*SIDES])
+    column, known = ("rejected_by", ["", *KEEP_RULES]) if "rejected_by" in table else ("verdict", ["", *SIDES])
     words = [str(word or "") for word in table[column]]
     for name, word in zip(table["id"], words, strict=True):
         if word not in known:
@@ -209,21 +220,22 @@ def _by_audit(table: Table) -> list[str]:
 
 
 def _numbers(table: Table, column: str) -> Float[Array, " M"]:
+    """A column by which a user chooses, with a number for each demonstration."""
     try:
-        return np.array(cast(Sequence[float], table[column]), dtype=float)
+        values = np.array(cast(Sequence[float], table[column]), dtype=float)
     except (KeyError, ValueError, TypeError) as error:
         raise DataError(f"The verdicts have no numbers in {column}; give those that rpil audit wrote.") from error
+    if without := [*compress(cast(Sequence[Id], table["id"]), np.isnan(values))]:
+        who = f"The verdicts have no number in {column} for {listed(without, MAX_LISTED_NAMES)}"
+        raise DataError(f"{who}; audit these too, or leave them out with <option>.", "without")
+    return values
 
 
 def write_verdicts(path: StrPath, audit: AuditResult, columns: Table) -> None:
     """Write the `AuditResult.table` of an audit to a .csv, .parquet or .json file.
 
-    JSON holds a list of objects. Parquet has the run id and the provenance among its metadata too.
-
-    Raises
-    ------
-    DataError
-        Where the path has another extension, or cannot be written.
+    JSON holds a list of objects. Parquet has the run id and the provenance among its metadata too. A `DataError` where
+    the path has another extension, or cannot be written.
     """
     said = {RUN_KEY: audit.run_id}
     if audit.provenance is not None:
@@ -236,12 +248,7 @@ def write_kept(path: StrPath, audit: AuditResult, choice: Choice) -> None:
     that are rejected by rule.
 
     Ids are in the order of the data. Whole numbers are written as such: then the list is what LeRobot takes as the
-    episodes of a data set.
-
-    Raises
-    ------
-    DataError
-        Where the path has another extension, or cannot be written.
+    episodes of a data set. A `DataError` where the path has another extension, or cannot be written.
     """
     made = {} if audit.provenance is None else {"provenance": audit.provenance.to_dict()}
     content = choice.to_dict() | {"run": audit.run_id} | made

@@ -155,6 +155,13 @@ class Judged:
         return VOCABULARIES[self.anchor]
 
     @property
+    def told(self) -> str:
+        """From where verdicts are learned, in words: outcomes, where nothing else is known."""
+        known = self.answers
+        by_outcomes = known.has_outcome.any() and not known.labels.any() and not len(known.compared)
+        return "the outcomes" if by_outcomes else "your answers"
+
+    @property
     def lengths(self) -> Int[Array, " M"]:
         """Steps of each demonstration."""
         return np.diff(self.offsets)

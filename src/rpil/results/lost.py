@@ -42,25 +42,14 @@ DIGITS = 3
 
 
 def lost_places(demonstrations: Demonstrations | Dataset, kept: Collection[object]) -> tuple[str, ...]:
-    """A sentence for each place that only demonstrations that are not kept visit.
+    """A sentence for each place that only demonstrations visit whose ids are not `kept`, most often none, such as "No
+    kept demonstration starts with obs.3 above 0.41; 12 does.", with the observation in which it is farthest outside of
+    what the kept ones reach. Of data on disk, and without observations that are finite, nothing is said.
 
     For each demonstration that is left out the distance of its start to the nearest start of a kept one is compared
     with what is usual among the kept ones, each left out in turn; and so is the median distance of its states to the
     nearest state. A distance counts if it is twice the largest of theirs, and larger than the 99 % point of the next
     one that is alike, were logarithms normal; the level is shared among all that are left out.
-
-    Parameters
-    ----------
-    demonstrations : Demonstrations or Dataset
-        All of them. Of data on disk, and without observations that are finite, nothing is said.
-    kept : collection of ids
-        Those to keep; compared as text.
-
-    Returns
-    -------
-    tuple of str
-        Such as "No kept demonstration starts with obs.3 above 0.41; 12 does.", with the observation in which it is
-        farthest outside of what the kept ones reach; most often none.
     """
     if not isinstance(demonstrations, Demonstrations):
         return ()

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Hashable
+from collections.abc import Collection, Hashable
 from html import escape
 
 import numpy as np
 
-from rpil.data.text import MAX_IDS, counted, listed, one_line, printable
+from rpil.data.text import MAX_IDS, counted, listed
 from rpil.inference.findings import FINDINGS
 from rpil.results.answering import looking_order, n_first
 from rpil.results.result import AuditResult
-from rpil.results.vocabulary import SIDES, in_numbers, numbered
+from rpil.results.vocabulary import SIDES, in_numbers, numbered, short_id
 
 N_LOWEST = 3
 """Demonstrations that the text names."""
@@ -21,9 +21,6 @@ N_LOWEST_ROWS = 10
 
 MAX_NAMED_FIRST = 12
 """Demonstrations to look at first that a sentence names."""
-
-MAX_NAME = 40
-"""Characters of an id in the text."""
 
 ACTING = {"outliers": "differently from the rest", "mixture": "like the adversary that was named"}
 
@@ -36,27 +33,25 @@ def look_first(audit: AuditResult, faulty: Collection[Hashable] = ()) -> list[in
     return [*first][: n_first(len(audit.ids))]
 
 
-def first_sentence(
-    audit: AuditResult, faulty: Collection[Hashable] = (), named: Callable[[Hashable], str] = printable
-) -> str:
+def first_sentence(audit: AuditResult, faulty: Collection[Hashable] = ()) -> str:
     """Which demonstrations to look at first, without those that have a label."""
     first = look_first(audit, faulty)
     if not first:
         return "Every demonstration has a label."
-    names = listed([named(audit.ids[m]) for m in first], MAX_NAMED_FIRST, ", ")
+    names = listed([short_id(audit.ids[m]) for m in first], MAX_NAMED_FIRST, ", ")
     return f"Look at {'these' if len(first) > 1 else 'this'} {len(first):,} first: {names}."
 
 
-def headline(audit: AuditResult, most: int = MAX_IDS, named: Callable[[Hashable], str] = printable) -> str:
+def headline(audit: AuditResult, most: int = MAX_IDS) -> str:
     """The finding in one sentence, with numbers and up to `most` names, the lowest score first; 0 for none."""
     counts, ranked = audit.verdict_counts(), audit.ranking()[::-1].tolist()
     below = [one for one, size in counts.items() if size and SIDES[one] == "lower"]
-    lists = ([named(audit.ids[m]) for m in ranked if audit.verdicts[m] == one] for one in below)
+    lists = ([short_id(audit.ids[m]) for m in ranked if audit.verdicts[m] == one] for one in below)
     names = {one: listed(own, most, ", ") for one, own in zip(below, lists, strict=True) if most}
     if audit.finding == "answered":
         sizes = ((one, size) for one, size in counts.items() if size and one != "outlier")
         said = (numbered(size, one) + f" ({names.get(one)})" * (one in names) for one, size in sizes)
-        return f"By your answers: {', '.join(said)}."
+        return f"By {audit.told}: {', '.join(said)}."
     if audit.finding in ACTING and below:
         n = counts[below[0]]
         some = f"{n:,} of {len(audit.ids):,} act{'s' * (n == 1)} {ACTING[audit.finding]}"
@@ -64,7 +59,7 @@ def headline(audit: AuditResult, most: int = MAX_IDS, named: Callable[[Hashable]
     sentence = FINDINGS[audit.finding]
     if audit.finding == "a group apart" and audit.groups:
         alike, n = {*audit.groups["B"]}, sum(map(len, audit.groups.values()))  # of one task
-        own = [named(audit.ids[m]) for m in ranked if audit.ids[m] in alike]
+        own = [short_id(audit.ids[m]) for m in ranked if audit.ids[m] in alike]
         who = f"{len(own):,} of {n:,} act alike, and differ from the rest"
         members = f" ({listed(own, most, ', ')})" if most else ""
         return f"{who}{members}; {sentence.partition('; ')[2]}"
@@ -86,7 +81,7 @@ def overview_text(audit: AuditResult) -> str:
     if audit.question:
         lines.append(f"Question: {audit.question}")
     lowest = audit.ranking()[::-1][:N_LOWEST].tolist()
-    names = [shortened(audit.ids[m]) for m in lowest]
+    names = [short_id(audit.ids[m]) for m in lowest]
     width = max(map(len, names))
     lines.append(f"The lowest {len(lowest)} scores (log_odds), of {len(audit.ids):,}:")
     for m, name in zip(lowest, names, strict=True):
@@ -94,15 +89,9 @@ def overview_text(audit: AuditResult) -> str:
     return "\n".join([*lines, "All: to_frame(), plot.ranking(), to_html(path)."])
 
 
-def shortened(name: object) -> str:
-    """An id in one short line."""
-    text = one_line(name)
-    return text if len(text) <= MAX_NAME else text[: MAX_NAME - 3] + "..."
-
-
 def overview_html(audit: AuditResult) -> str:
     """What a notebook shows of an audit: the text, and a table of the lowest with their reasons."""
     lowest = audit.ranking()[::-1][:N_LOWEST_ROWS].tolist()
-    rows = ([shortened(audit.ids[m]), audit.verdicts[m], audit.place(m), audit.reasons[m]] for m in lowest)
+    rows = ([short_id(audit.ids[m]), audit.verdicts[m], audit.place(m), audit.reasons[m]] for m in lowest)
     cells = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows)
     return f"<pre>{escape(overview_text(audit))}</pre><table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"

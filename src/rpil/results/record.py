@@ -164,10 +164,9 @@ class Audit(AuditResult):
         DataError
             If the path cannot be written.
         """
-        from rpil.results.html.page import write_page
-        from rpil.results.view import About, make_view
+        from rpil.results.html.page import About, write_page
 
-        write_page(path, make_view(self, About(title, IN_MEMORY)))
+        write_page(path, self, About(title, IN_MEMORY))
 
     def __repr__(self) -> str:
         return overview_text(self)

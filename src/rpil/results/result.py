@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from scipy.special import expit
 
+from rpil.data.errors import DataError
 from rpil.data.run import run_id
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id
-from rpil.results.facts import Fact, known_facts, style_in_words
 from rpil.results.judged import Demonstrator, Judged
-from rpil.results.reasons import GivenLabel, reasons_of
+from rpil.results.reasons import Fact, GivenLabel, known_facts, reasons_of, style_in_words
 from rpil.results.vocabulary import SIDES, WORSE
 
 if TYPE_CHECKING:
@@ -43,11 +43,6 @@ class AuditResult(Judged):
     def evidence(self) -> dict[str, Float[Array, " M"]]:
         """The parts of `log_odds` by name, in nats."""
         return {"actions": self.from_actions, "demonstrator": self.from_demonstrator, "label": self.from_label}
-
-    def evidence_columns(self) -> dict[str, Float[Array, " M"]]:
-        """The parts of `log_odds` that a table shows: those that are not all 0, and none where there is only one."""
-        parts = {name: part for name, part in self.evidence.items() if part.any()}
-        return parts if len(parts) > 1 else {}
 
     @cached_property
     def reasons(self) -> tuple[str, ...]:
@@ -113,27 +108,14 @@ class AuditResult(Judged):
 
     @cached_property
     def facts(self) -> dict[str, tuple[Fact, ...]]:
-        """Facts about each demonstration by name, which change no verdict: `rpil.results.facts.known_facts`, and the
+        """Facts about each demonstration by name, which change no verdict: `rpil.results.reasons.known_facts`, and the
         fields that are shown."""
         shown = {one.metadata["shown"]: getattr(self, one.name) for one in fields(self) if one.metadata.get("shown")}
         columns = {name: tuple(np.asarray(column).tolist()) for name, column in shown.items() if len(column)}
         return known_facts(self.columns, self.lengths, self.order) | columns
 
-    @property
-    def question(self) -> str | None:
-        """The question whose answer would say most, "which is better?", and where to look; None after an answer."""
-        return answering.question(self)
-
-    def suggest_labels(self, k: int = 3) -> tuple[Hashable, ...]:
-        """Ids of up to `k` demonstrations without a label whose labels would say most, the best first; see
-        `rpil.results.answering.suggest`.
-
-        Raises
-        ------
-        DataError
-            If `k` is not positive.
-        """
-        return answering.suggest(self, k)
+    question = property(answering.question)
+    suggest_labels = answering.suggest_labels
 
     def answered(
         self,
@@ -154,10 +136,15 @@ class AuditResult(Judged):
         Raises
         ------
         DataError
-            If an id or a label is unknown, or answers contradict each other.
+            If an id or a label is unknown, answers contradict each other, or none is left.
         """
         had = replace(self, answers=self.answers.unsaid) if instead else self
-        return answering.with_answers(self, answering.merged(had, labels or {}, pairs))
+        known = answering.merged(had, labels or {}, pairs)
+        if not known.count and self.anchor == "answers":
+            raise DataError(
+                "No answer would be left; take the audit before answered(), or call rpil.audit without any."
+            )
+        return answering.with_answers(self, known)
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
         """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""

@@ -27,8 +27,8 @@ from rpil.results.answering import (
     verdicts_of,
     with_answers,
 )
-from rpil.results.facts import groups_differ
 from rpil.results.judged import Interval
+from rpil.results.reasons import groups_differ
 from rpil.results.record import Audit
 from rpil.results.result import MAX_LOG_ODDS
 from rpil.results.settings import AuditSettings

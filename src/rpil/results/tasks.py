@@ -13,7 +13,8 @@ from rpil.data.text import listed
 from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
 from rpil.inference.findings import FINDINGS
-from rpil.numerics.types import Array, Int
+from rpil.numerics.types import Array
+from rpil.results.answering import rejecting_rules
 from rpil.results.judged import Interval, table_fields
 from rpil.results.record import Audit
 from rpil.results.settings import AuditSettings
@@ -21,48 +22,35 @@ from rpil.results.settings import AuditSettings
 _FINDINGS = tuple(FINDINGS)
 
 
-def select(audit: Audit, indices: Sequence[int], ids: Sequence[Hashable] | None = None) -> Audit:
-    """The audit of the demonstrations at `indices` alone, in that order, as they were judged among all.
+def first_of(audit: Audit, ids: Sequence[Hashable]) -> Audit:
+    """The audit of its first demonstrations alone, which get the names `ids`, as they were judged among all.
 
-    `ids` are new names for them. What concerns all, as the finding and the share of experts, stays.
+    What concerns all, as the finding and the share of experts, stays.
     """
-    chosen = np.asarray(indices, dtype=np.int64)
-    rows = {"M": chosen, "N": _steps_of(audit.offsets, chosen)}
-    with_reasons = replace(audit, own_reasons=audit.reasons)
-    columns = {name: _taken(getattr(with_reasons, name), rows[axis]) for name, axis, _ in table_fields(type(audit))}
-    _, first, place = np.unique(audit.copy_of[chosen], return_index=True, return_inverse=True)
-    names = dict(zip((audit.ids[m] for m in chosen.tolist()), ids or _taken(audit.ids, chosen), strict=True))
+    size, names = len(ids), dict(zip(audit.ids, ids, strict=False))
+    rows = {"M": size, "N": int(audit.offsets[size])}
+    columns: dict[str, Any] = {}
+    for name, axis, _ in table_fields(type(audit)):
+        column = getattr(audit, name)
+        columns[name] = column if column is None else column[: rows[axis]]
 
     def named(old: Sequence[Hashable]) -> tuple[Hashable, ...]:
         return tuple(names[name] for name in old if name in names)
 
+    demonstrators = ((who, named(who.demonstrations)) for who in audit.demonstrators)
     return replace(
         audit,
         **columns,
-        ids=tuple(names.values()),
-        offsets=np.concatenate([[0], np.cumsum(audit.lengths[chosen])]),
+        ids=tuple(ids),
+        offsets=audit.offsets[: size + 1],
         competing=tuple(map(named, audit.competing)),
         pair=pair if len(pair := named(audit.pair)) == 2 else (),
-        demonstrators=tuple(
-            replace(who, demonstrations=own) for who in audit.demonstrators if (own := named(who.demonstrations))
-        ),
-        answers=audit.answers.select(chosen.tolist()),
-        copy_of=first[place],
+        demonstrators=tuple(replace(who, demonstrations=own) for who, own in demonstrators if own),
+        answers=audit.answers.select(range(size)),
+        copy_of=audit.copy_of[:size],
         contradicting=named(audit.contradicting),
         traces={names[name]: own for name, own in audit.traces.items() if name in names},
     )
-
-
-def _steps_of(offsets: Int[Array, " _"], rows: Int[Array, " R"]) -> Int[Array, " S"]:
-    """The numbers of the steps of some demonstrations."""
-    return np.concatenate([np.arange(0), *(np.arange(offsets[m], offsets[m + 1]) for m in rows.tolist())])
-
-
-def _taken(column: Any, rows: Int[Array, " R"]) -> Any:
-    """Some rows of a column; one that is not known stays so."""
-    if isinstance(column, np.ndarray):
-        return column[rows]
-    return tuple(column[m] for m in rows.tolist()) if column else column
 
 
 def join_audits(
@@ -70,27 +58,34 @@ def join_audits(
     places: Mapping[str, Sequence[int]],
     ids: Sequence[Hashable],
     offsets: Array,
+    answers: Answers,
     what: str = "tasks",
+    for_learner: bool = False,
 ) -> Audit:
     """One audit of the M demonstrations `ids`, from those of their tasks, or `what` the groups are.
 
     Parameters
     ----------
     audits : mapping of task to Audit
-        A task with a single demonstration has none: it stays open.
+        A task with a single demonstration has none: it stays open, or has the verdict of its label or flag.
     places : mapping of task to sequence of int
         The numbers of the demonstrations of each task, in the order of its audit.
     offsets : (M + 1,) int array
         The first steps of the demonstrations.
+    answers : Answers
+        About all of them; pairs of different tasks are left out.
+    for_learner : bool
+        Whether the weights of those that are alone follow their verdicts.
     """
     # The components among the columns have another meaning in each task.
     parts = [
         replace(audit, own_reasons=audit.reasons, columns=np.delete(audit.columns, slice(len(CHANNELS), -1), axis=1))
         for audit in audits.values()
     ]
-    rows = [np.asarray(places[task], dtype=np.int64) for task in audits]
     kind = type(parts[0]) if parts else Audit
-    numbers = {"M": (len(ids), rows), "N": (int(offsets[-1]), [_steps_of(offsets, own) for own in rows])}
+    rows = [np.asarray(places[task], dtype=np.int64) for task in audits]
+    steps = [np.concatenate([np.arange(offsets[m], offsets[m + 1]) for m in own]) for own in rows]
+    numbers = {"M": (len(ids), rows), "N": (int(offsets[-1]), steps)}
     columns = {
         name: _joined([getattr(part, name) for part in parts], *numbers[axis], nothing)
         for name, axis, nothing in table_fields(kind)
@@ -98,14 +93,11 @@ def join_audits(
     }
     if not parts:
         columns["columns"] = np.empty((len(ids), 0))
-    copy_of = np.arange(len(ids))
-    for audit, own in zip(parts, rows, strict=True):
-        copy_of[own] = own[audit.copy_of]
+    copies = [own[part.copy_of] for part, own in zip(parts, rows, strict=True)]
     shares = [(audit.prior.mean, audit.prior.low, audit.prior.high) for audit in parts] or [(0.5, 0.0, 1.0)]
-    anchors = {audit.anchor for audit in parts}
     finding = min((audit.finding for audit in parts), key=_FINDINGS.index, default=_FINDINGS[-1])
     opposed = next((audit for audit in parts if not audit.identifiable and audit.finding == finding), None)
-    return kind(
+    joined = kind(
         **columns,
         ids=tuple(ids),
         offsets=offsets,
@@ -117,17 +109,18 @@ def join_audits(
         pair=next((audit.pair for audit in parts if audit.pair), ()),
         assumptions=(_sentence(audits, places, what), *dict.fromkeys(s for audit in parts for s in audit.assumptions)),
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
-        answers=_joined_answers([audit.answers for audit in parts], rows, len(ids)),
+        answers=_within(answers, {task: audit.answers for task, audit in audits.items()}, places),
         contradicting=tuple(name for audit in parts for name in audit.contradicting),
         doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
         notes=_joined_notes(audits),
-        copy_of=copy_of,
+        copy_of=np.asarray(_joined(copies, len(ids), rows, np.arange(len(ids)))),
         traces={name: own for audit in parts for name, own in audit.traces.items()},
         # Each verdict is that of its task; where tasks differ, the probability is what it is without an anchor.
-        anchor=anchors.pop() if len(anchors) == 1 else "none",
+        anchor=parts[0].anchor if len({audit.anchor for audit in parts}) == 1 else "none",
         settings=parts[0].settings if parts else AuditSettings(),
         within=what,
     )
+    return _with_labels_alone(joined, [m for task in places.keys() - audits.keys() for m in places[task]], for_learner)
 
 
 def _joined(columns: Sequence[Any], size: int, numbers: Sequence[Array], nothing: Any) -> Any:
@@ -143,18 +136,30 @@ def _joined(columns: Sequence[Any], size: int, numbers: Sequence[Array], nothing
     return joined if not is_text else tuple(joined) if any(joined) else ()
 
 
-def with_labels_alone(audit: Audit, alone: Sequence[int], answers: Answers, for_learner: bool) -> Audit:
+def _within(answers: Answers, of_tasks: Mapping[str, Answers], places: Mapping[str, Sequence[int]]) -> Answers:
+    """The answers without pairs of different tasks, and without outcomes where they are alike in all of a task; and how
+    far each outcome is heard, as in the task where it is heard most."""
+    group, outcomes = np.zeros(len(answers.labels), dtype=np.int64), answers.outcomes.copy()
+    for k, (task, rows) in enumerate(places.items()):
+        group[list(rows)] = k
+        names = of_tasks[task].names if task in of_tasks else answers.names
+        outcomes[np.ix_(rows, [name not in names for name in answers.names])] = np.nan
+    pairs, tied = (both[group[both[:, 0]] == group[both[:, 1]]] for both in (answers.pairs, answers.tied))
+    told = [(name, sign) for own in of_tasks.values() for name, sign in zip(own.names, own.heard or (), strict=False)]
+    heard = tuple(max((sign for name, sign in told if name == own), key=abs, default=1) for own in answers.names)
+    return replace(answers, pairs=pairs, tied=tied, outcomes=outcomes, heard=heard if told else None)
+
+
+def _with_labels_alone(audit: Audit, alone: Sequence[int], for_learner: bool) -> Audit:
     """The audit where the demonstrations numbered `alone`, which were not judged, have the verdicts of their labels or
     flags, and for the learner the weights."""
-    signs, known = np.zeros(len(audit.ids), dtype=np.int64), audit.answers
-    labels, outcomes = known.labels.copy(), np.full((len(signs), answers.outcomes.shape[1]), np.nan)
-    outcomes[:, [answers.names.index(name) for name in known.names]] = known.outcomes
-    signs[alone], labels[alone], outcomes[alone] = answers.said[alone], answers.labels[alone], answers.outcomes[alone]
+    known, signs = audit.answers, np.zeros(len(audit.ids), dtype=np.int64)
+    signs[alone] = known.said[alone]
     verdicts, reasons, rules = [*audit.verdicts], [*audit.reasons], [*(audit.rejected_by or ("",) * len(signs))]
     for m in np.flatnonzero(signs):
         verdicts[m] = "good" if signs[m] > 0 else "bad"
-        reasons[m] = f"Labelled {verdicts[m]}." if labels[m] else f"{answers.failure}."
-        rules[m] = "" if signs[m] > 0 else "labels" if labels[m] else "outcome"
+        reasons[m] = f"Labelled {verdicts[m]}." if known.labels[m] else f"{known.failure}."
+        rules[m] = rejecting_rules(audit)[m]
     log_odds = np.where(signs, signs * logit(1 - audit.settings.judge.answers.min_proba_bound), audit.log_odds)
     proba, of_steps = np.where(signs, expit(log_odds), audit.expert_proba), np.repeat(signs != 0, audit.lengths)
     return replace(
@@ -164,31 +169,9 @@ def with_labels_alone(audit: Audit, alone: Sequence[int], answers: Answers, for_
         expert_proba=proba,
         verdicts=tuple(verdicts),
         step_weight=np.where(for_learner & of_steps, np.repeat(proba, audit.lengths), audit.step_weight),
-        answers=replace(known, labels=labels, outcomes=outcomes, names=answers.names, flag=answers.flag),
         own_reasons=tuple(reasons),
         rejected_by=tuple(rules),
     )
-
-
-def _joined_answers(of_tasks: Sequence[Answers], numbers: Sequence[Array], n: int) -> Answers:
-    """The answers of all tasks, by the `numbers` of their demonstrations among all `n`."""
-    joined, names = Answers.none(n), tuple(dict.fromkeys(name for answers in of_tasks for name in answers.names))
-    outcomes = np.full((n, len(names)), np.nan)
-    for answers, places in zip(of_tasks, numbers, strict=True):
-        joined.labels[places] = answers.labels
-        for name, values in zip(answers.names, answers.outcomes.T, strict=True):
-            outcomes[places, names.index(name)] = values
-    pairs = [places[answers.pairs] for answers, places in zip(of_tasks, numbers, strict=True)]
-    tied = [places[answers.tied] for answers, places in zip(of_tasks, numbers, strict=True)]
-    both = np.concatenate([joined.pairs, *pairs]), np.concatenate([joined.tied, *tied])
-    flags = {answers.names[answers.only_flag] for answers in of_tasks if answers.names and answers.only_flag >= 0}
-    flag = names.index(flags.pop()) if len(flags) == 1 else -1
-    told = [
-        (name, sign) for answers in of_tasks for name, sign in zip(answers.names, answers.heard or (), strict=False)
-    ]
-    heard = tuple(max((sign for name, sign in told if name == own), key=abs, default=1) for own in names)
-    joined = replace(joined, outcomes=outcomes, names=names, flag=flag, heard=heard if told else None)
-    return replace(joined, pairs=both[0], tied=both[1])
 
 
 def _joined_notes(audits: Mapping[str, Audit]) -> tuple[str, ...]:

@@ -5,9 +5,11 @@ Without an anchor the data alone can tell who differs from the others, and not w
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from typing import Literal
+
+from rpil.data.text import printable
 
 Anchor = Literal["none", "answers", "named adversary"]
 """What says who is good: nothing; labels, answers or outcomes; or the adversary of the paper's mixture."""
@@ -68,8 +70,17 @@ SIDES: dict[str, Side] = {
 WORSE = "worse than "
 """Begins what is said of the worse one of an answered pair."""
 
+MAX_NAME = 28
+"""Characters of an id in the text of an audit."""
+
 PLURALS = {"expert": "experts", "outlier": "outliers", "adversary": "adversaries"}
 """The verdicts that are nouns."""
+
+
+def short_id(name: Hashable) -> str:
+    """An id in few characters: of a long one its end, which is what differs."""
+    text = printable(name)
+    return text if len(text) <= MAX_NAME else f"...{text[3 - MAX_NAME :]}"
 
 
 def numbered(count: int, verdict: str) -> str:

@@ -7,7 +7,6 @@ import re
 import pytest
 
 from browser import browsing, needs_chromium
-from rpil.cli.questions.server import page_of
 from rpil.data.id_values import read_answer_rows, read_answers
 from served import need_server, review_of, serving
 
@@ -54,7 +53,8 @@ def after(browser, version, *keys):
 
 def test_the_page_names_what_is_asked_and_escapes_it(audit):
     review = review_of(audit)
-    page = page_of(review.state() | {"path": "<script>alert(1)</script>.csv"}, review.view())
+    review.session.path = "<script>alert(1)</script>.csv"
+    page = review.page()
     assert "<script>alert" not in page
     assert "&lt;script&gt;alert(1)" in page
     assert f'data-asked="{[audit.index(name) for name in audit.pair]}"' in page
@@ -94,7 +94,7 @@ def test_answers_by_keys_are_written_and_shown(audit, browser, tmp_path):
         assert read_answers("labels.csv")[0] == {other: "bad", str(asked): "good"}
         browser.press("1")  # no pair is asked about
         after(browser, 6, "s")
-        assert client.get("/api/view")["n_answers"] == 3
+        assert "3 answers of this run" in browser.text(".ask .told")
         browser.click(".ask [data-role=take-back]")
         browser.wait(f"{VERSION} === 7")
         browser.evaluate("location.reload()")

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 import lerobot_folders
+from rpil.cli.questions.material import EpisodeVideos
 from rpil.cli.questions.server import load_server
-from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.errors import MissingExtraError
 from rpil.data.id_values import read_answers
-from rpil.results.view import make_view
+from rpil.results.html.page import make_view
 from served import need_server, review_of, serving
 
 need_server()
@@ -35,15 +35,9 @@ def client(review):
 
 
 def test_the_state_is_the_view_and_the_question(client, review, audit):
-    state = client.get("/api/view")
-    view = make_view(replace(audit, fps=10.0), review.about, 0) | {
-        "question": "",
-        "pair": [],
-        "columns": review.recorded.columns,
-    }
-    view["finding"] |= {"sentence": "4 of 24 act differently from the rest."}  # and nobody is named beside the question
-    view |= {"said": []}
-    assert state["view"] == json.loads(json.dumps(view))
+    state = review.state()
+    more = {"question": "", "pair": [], "columns": review.recorded.columns, "said": []}
+    assert client.view() == json.loads(json.dumps(make_view(replace(audit, fps=10.0), review.about, 0) | more))
     assert list(state["asked"]["buttons"]) == ["1", "2", "3", "4", "5", "u", "s"]
     pair = [audit.index(name) for name in audit.pair]
     assert state["asked"]["demonstrations"] == pair
@@ -52,6 +46,7 @@ def test_the_state_is_the_view_and_the_question(client, review, audit):
     status, headers, content = client.ask("GET", "/")
     assert status == 200
     assert b"Review of d.parquet" in content
+    assert b"4 of 24 act differently from the rest." in content, "nobody is named beside the question"
     assert headers["content-type"].startswith("text/html")
 
 
@@ -65,8 +60,7 @@ def test_an_answer_says_what_moved_and_asks_the_next(client, audit):
     assert state["lines"][0] == f"Before your answer the audit had: {had} of 24."
     assert state["lines"][1] == "Now: 20 open, 4 outliers."
     assert state["changed"] == [m for m in range(24) if audit.verdicts[m] != answered.verdicts[m]]
-    assert client.get("/api/view")["lines"] == state["lines"]
-    assert client.get("/api/view")["view"]["demonstrations"]["verdict"] == list(answered.verdicts)
+    assert client.view()["demonstrations"]["verdict"] == list(answered.verdicts)
     assert list(state["asked"]["buttons"].items()) == [("g", "Good"), ("b", "Bad"), ("u", "Cannot tell"), ("s", "Skip")]
     assert state["asked"]["demonstrations"] == [audit.index(name) for name in answered.suggest_labels(1)]
     assert (state["version"], state["n_answers"], state["can_undo"]) == (1, 1, True)

@@ -11,8 +11,7 @@ import pytest
 import lerobot_folders
 from browser import browsing, needs_chromium
 from rpil import RPIL, read
-from rpil.cli.questions.curves import Recorded
-from rpil.cli.questions.videos import EpisodeVideos
+from rpil.cli.questions.material import EpisodeVideos, Recorded
 from rpil.data.id_values import AnswerRow, read_answer_rows, read_answers
 from served import need_server, review_of, serving
 from small import FAST
@@ -79,7 +78,7 @@ def review_with_films(audit, folder):
 def test_films_play_in_step_by_keys_with_a_bar_of_their_own(browser, episodes, filmed):
     with serving(review_with_films(filmed, episodes)) as client:
         ask_about((browser, client))
-        n_asked = len(client.get("/api/view")["asked"]["demonstrations"])
+        n_asked = len(client.asked())
         browser.wait(f"{FILMS}.length === {n_asked + 1} && {FILMS}.every((film) => film.readyState >= 2)")
         assert browser.evaluate(f"{FILMS}.every((film) => film.muted && film.paused && !film.controls)")
         assert browser.evaluate(CLOCK) == "0.0 / 3.0 s", "the time of the episode, and not that of its file"
@@ -136,7 +135,7 @@ def test_without_films_what_was_recorded_is_drawn_where_the_pair_differs_most(au
         )
         browser.press("1")
         browser.wait(f"{VERSION} === 1 && document.querySelectorAll('.ask .overlays canvas').length === 2")
-        asked = client.get("/api/view")["asked"]["demonstrations"]
+        asked = client.asked()
         told = next(m for m in pair if m not in asked)
         assert f"{told} {audit.verdicts[told]}, place {audit.ranks[told]}" in browser.text(".ask [role=status]")
         tops = browser.evaluate("tops")
@@ -175,14 +174,14 @@ def review(audit, data):
 
 def test_many_are_answered_at_once_and_taken_back_in_one_step(review):
     with serving(review) as client:
-        assert [one["name"] for one in client.get("/api/view")["view"]["columns"]] == ["action", "x", "v"]
+        assert [one["name"] for one in client.view()["columns"]] == ["action", "x", "v"]
         assert client.ask("GET", "/api/column/9")[0] == 404
         status, state = client.answer(0, "b", 2, 5, 8, 11)
         assert status == 200
         assert state["lines"][0].startswith("Now: "), "the audit's opinion of many is no line"
         assert client.answer(1, "g", 1, 2)[0] == 200, "two are no pair here"
         assert read_answers("labels.csv")[0] == {"5": "bad", "8": "bad", "11": "bad", "1": "good", "2": "good"}
-        assert client.get("/api/view")["asked"]["buttons"].keys() >= {"1", "2"}, "the pair is still asked about"
+        assert len(client.asked()) == 2, "the pair is still asked about"
         assert client.post("/api/undo", version=2)[1]["n_answers"] == 4
         assert read_answers("labels.csv")[0] == dict.fromkeys(("2", "5", "8", "11"), "bad")
         assert client.answer(3, "u", 2, 5, 8)[0] == 400

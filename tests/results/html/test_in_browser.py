@@ -16,11 +16,10 @@ from browser import Browser, browsing, needs_chromium
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.results.answering import looking_order
-from rpil.results.html.page import write_page
+from rpil.results.html.page import About, write_page
 from rpil.results.judged import TracedPart, Traces
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit, Demonstrator
-from rpil.results.view import About, make_view
 
 pytestmark = [pytest.mark.slow, needs_chromium]
 
@@ -56,7 +55,7 @@ def write(path: Path, audit: Audit, **about: object) -> Path:
         "faults": FaultReport(findings, {}, {}, {}, {}, n, 99),
         "demonstrators": {str(name): ("ann", "bob")[m % 2] for m, name in enumerate(audit.ids)},
     }
-    write_page(path, make_view(audit, About("An audit", **(given | about))))
+    write_page(path, audit, About("An audit", **(given | about)))
     return path
 
 

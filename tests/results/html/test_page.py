@@ -15,11 +15,10 @@ from markupsafe import Markup
 from audits import make_audit
 from html_page import Page
 from rpil.inference.settings import AnswerSettings, JudgeSettings
-from rpil.results.html.page import format_percent, render_page
+from rpil.results.html.page import About, format_percent, render_page
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit
 from rpil.results.settings import AuditSettings
-from rpil.results.view import About, View, make_view
 
 ADDRESSES = (
     "https://github.com/leeoniya/uPlot",
@@ -28,12 +27,8 @@ ADDRESSES = (
 """The only ones in the script: of a comment, and of a link."""
 
 
-def view_of(audit: Audit, **about: object) -> View:
-    return make_view(audit, About(**({"title": "An audit", "source": "demos.parquet"} | about)))
-
-
 def render(audit: Audit, sections=(), **about: object) -> str:
-    return render_page(view_of(audit, **about), sections)
+    return render_page(audit, About(**({"title": "An audit", "source": "demos.parquet"} | about)), sections)
 
 
 def data_of(text: str) -> list[str]:

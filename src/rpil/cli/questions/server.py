@@ -13,15 +13,13 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from rpil.cli.questions.curves import Recorded
+from rpil.cli.questions.material import EpisodeVideos, Recorded
 from rpil.cli.questions.security import Application, Gate, guarded_by
 from rpil.cli.questions.session import Session, choices, count_line, opinion_line, question_sentence, warning_lines
-from rpil.cli.questions.videos import EpisodeVideos
 from rpil.data.arrays import check_text
-from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.errors import DataError, MissingExtraError, optional
 from rpil.data.json_files import Parsed
-from rpil.results.html.page import html_environment, render_page
-from rpil.results.view import About, View, drawings, make_view
+from rpil.results.html.page import About, View, drawings, html_environment, make_view, render_page
 
 if TYPE_CHECKING:
     from starlette.requests import Request
@@ -61,24 +59,25 @@ class Review:
     finish: PageChange
     data: Demonstrations | Dataset
     lock: Lock = field(default_factory=Lock)
-    _drawn: tuple[int, View] | None = None
 
     @cached_property
     def recorded(self) -> Recorded:
         """What the page draws of the data."""
         return Recorded(self.data)
 
-    def view(self) -> View:
-        """The view of the audit, without the question, which `state` has, and drawings, which `demonstration` has.
-
-        Its finding names nobody, so that it does not answer the question beside it.
+    def page(self) -> str:
+        """The page of the report with the question above its table. No question and no drawing is part of its view: the
+        first is in the `state`, and the script asks for the others.
         """
-        audit = self.session.audit
-        if self._drawn is None or self._drawn[0] != self.session.version:
-            view = make_view(audit, self.about, 0, 0) | {"question": "", "pair": [], "columns": self.recorded.columns}
-            view |= {"said": self.said()}
-            self._drawn = self.session.version, view
-        return self._drawn[1]
+        with self.lock:
+            session, state = self.session, self.state()
+            numbers = {str(name): m for m, name in enumerate(session.audit.ids)}
+            said = [[numbers[row.id], str(row.label), *row[2:]] for row in session.said]
+            view = make_view(session.audit, self.about, 0) | {"question": "", "pair": [], "said": said}
+            view |= {"columns": self.recorded.columns}
+            question = html_environment("rpil.cli.questions", "").get_template("question.html").render(state)
+            scripts = [files("rpil.cli.questions").joinpath(f"{name}.js").read_text("utf-8") for name in SCRIPTS]
+            return render_page(session.audit, self.about, live=(view, Markup(question), Markup("\n".join(scripts))))
 
     def state(self) -> View:
         """What is asked, and what the last answer changed; all that a page needs to answer."""
@@ -98,21 +97,6 @@ class Review:
             "path": session.path,
         }
 
-    def now(self) -> tuple[View, View]:
-        """The state and the view, of one time."""
-        with self.lock:
-            return self.state(), self.view()
-
-    def whole(self) -> View:
-        """Both as one."""
-        state, view = self.now()
-        return {"view": view, **state}
-
-    def said(self) -> list[list[object]]:
-        """The answers in the file: the number of a demonstration, the label and the note."""
-        numbers = {str(name): m for m, name in enumerate(self.session.audit.ids)}
-        return [[numbers[row.id], str(row.label), *row[2:]] for row in self.session.said]
-
     def _lines(self) -> Iterator[str]:
         """What the audit thought of one or two that were answered, and what the answer changed."""
         session = self.session
@@ -121,26 +105,6 @@ class Review:
         if session.lines:
             yield count_line(session.audit)
             yield from warning_lines(session.old, session.audit)
-
-    def demonstration(self, m: int) -> View:
-        """What the audit draws of one demonstration."""
-        self._check(m)
-        return {"drawing": drawings(self.session.audit, [m])[str(m)]}
-
-    def films(self, m: int) -> View:
-        """The videos of one demonstration."""
-        self._check(m)
-        videos = self.videos
-        return {"videos": videos.cameras(m), "frames": videos.has_frames, "note": videos.note}
-
-    def curves(self, m: int) -> list[View]:
-        """What was recorded of one demonstration."""
-        self._check(m)
-        return self.recorded.curves(self.session.audit.ids[m])
-
-    def _check(self, m: int) -> None:
-        if not 0 <= m < len(self.session.audit.ids):
-            raise DataError("There is no such demonstration.")
 
     def answer(self, given: Mapping[str, Parsed]) -> View:
         """Answer as a page says it: the numbers of the demonstrations, a key, and perhaps a note."""
@@ -175,6 +139,8 @@ def application(review: Review, gate: Gate) -> Application:
     def get(path: str, respond: Callable[..., Response]) -> Route:
         async def endpoint(request: Request) -> Response:
             try:
+                if request.path_params.get("m", 0) >= len(session.audit.ids):
+                    raise DataError("There is no such demonstration.")
                 return await run_in_threadpool(respond, **request.path_params)
             except (DataError, MissingExtraError) as error:
                 return JSONResponse({"error": str(error)}, 404)
@@ -192,13 +158,12 @@ def application(review: Review, gate: Gate) -> Application:
 
     videos, session = review.videos, review.session
     routes = [
-        get("/", lambda: HTMLResponse(page_of(*review.now()))),
-        data("/api/view", review.whole),
+        get("/", lambda: HTMLResponse(review.page())),
         get("/favicon.ico", lambda: Response(status_code=204)),
         data("/api/version", lambda: {"version": session.version}),
-        data("/api/demonstration/{m:int}", review.demonstration),
-        data("/api/films/{m:int}", review.films),
-        data("/api/curves/{m:int}", review.curves),
+        data("/api/demonstration/{m:int}", lambda m: {"drawing": drawings(session.audit, [m])[str(m)]}),
+        data("/api/films/{m:int}", videos.of_one),
+        data("/api/curves/{m:int}", review.recorded.curves),
         data("/api/column/{k:int}", review.recorded.column),
         get("/video/{m:int}/{camera:int}", lambda m, camera: FileResponse(videos.file(m, camera))),
         get("/frame/{m:int}/{camera:int}/{step:int}", lambda **at: Response(videos.frame(**at), 200, None, JPEG)),
@@ -229,20 +194,10 @@ def _changed(review: Review, change: PageChange, body: bytes) -> tuple[View, int
             return {"error": error.in_shell}, 400
 
 
-def page_of(state: View, view: View) -> str:
-    """The page of the report with the question of a `state` above its table."""
-    question = html_environment("rpil.cli.questions", "").get_template("question.html").render(state)
-    scripts = [files("rpil.cli.questions").joinpath(f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS]
-    return render_page(view, top=Markup(question), live="\n".join(scripts))
-
-
 def load_server() -> None:
     """A `MissingExtraError` where the packages of the server are not installed."""
-    try:
-        import starlette  # noqa: F401
-        import uvicorn  # noqa: F401
-    except ImportError as error:
-        raise MissingExtraError("To review on a page", "review") from error
+    for name in ("starlette", "uvicorn"):
+        optional(name, "To review on a page", "review")
 
 
 def listen(port: int) -> socket.socket:

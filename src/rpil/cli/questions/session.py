@@ -19,7 +19,7 @@ from rpil.data.id_values import (
 )
 from rpil.data.text import MAX_IDS, counted, listed, printable
 from rpil.results.answering import where_to_look
-from rpil.results.facts import in_words
+from rpil.results.reasons import in_words
 from rpil.results.vocabulary import in_numbers
 
 if TYPE_CHECKING:
@@ -70,11 +70,11 @@ def next_question(start: Audit, audit: Audit, given: Sequence[Reply], most: int 
 def rows_of(question: Question, key: str, note: str = "") -> list[AnswerRow]:
     """The answer that a key gives to a question; "cannot tell" is one where a note says more."""
     ids = [str(name) for name in question]
-    if key in ("1", "2", "5"):
+    if relation := {"1": "better than", "2": "better than", "5": "same as"}.get(key):
         first, second = ids[::-1] if key == "2" else ids
-        return [AnswerRow(first, f"{'same as' if key == '5' else 'better than'} {second}", note)]
-    words = {"g": "good", "3": "good", "b": "bad", "4": "bad"} | ({"u": CANNOT_TELL} if note else {})
-    return [AnswerRow(name, words[key], note) for name in ids] if key in words else []
+        return [AnswerRow(first, f"{relation} {second}", note)]
+    word = {"g": "good", "3": "good", "b": "bad", "4": "bad", "u": CANNOT_TELL * bool(note)}.get(key)
+    return [AnswerRow(name, word, note) for name in ids] if word else []
 
 
 class Session:
@@ -128,8 +128,8 @@ class Session:
         audit, lines, rows = self.audit, list[str](), tuple(by_question.values())
         if rows != self.rows:
             said = with_new(self._before, rows)
-            answers = parse_answers(said, "the answers", self.start.ids) if rows else None
-            audit = self.start.answered(*answers, instead=True) if answers else self.start
+            answers = parse_answers(said, "the answers", self.start.ids) if rows else ({}, {})
+            audit = self.start.answered(*answers, instead=True) if any(answers) else self.start
             lines = list(change_lines(self.audit, audit))
             self._write(rows)
             self.said = said

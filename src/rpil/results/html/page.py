@@ -6,16 +6,229 @@ import base64
 import hashlib
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from rpil.data.files import replacing
-from rpil.data.text import counted, printable
-from rpil.results.view import View
-from rpil.results.vocabulary import numbered
+from rpil.data.text import MAX_IDS, counted, printable
+from rpil.faults.report import RULES, FaultReport
+from rpil.inference.findings import DECIDED
+from rpil.numerics.types import Array, Int
+from rpil.results.answering import NEXT_STEPS, looking_order, stretch_of
+from rpil.results.choice import choose
+from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
+from rpil.results.overview import headline
+from rpil.results.reasons import TWO_GROUPS
+from rpil.results.result import MAX_LOG_ODDS, AuditResult
+from rpil.results.vocabulary import SIDES, numbered
+
+MAX_FOUND, MAX_FIRST = 20_000, 8
+"""Recording faults of a view, the worst, and the demonstrations with one that are shown first."""
+
+DECIMALS_SHOWN = 9
+"""Of probabilities and shares."""
+
+LEVELS = 254
+"""Between the lowest and the highest value of a curve; a byte has one more, which stands for no value."""
+
+NO_VALUE = 255
+
+View = dict[str, object]
+
+
+def no_faults() -> FaultReport:
+    """The faults of an audit whose recording was not looked through for any."""
+    return FaultReport((), {}, {}, {}, {}, 0, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class About:
+    """What the page of an audit shows beside the audit."""
+
+    title: str
+    source: str
+    """The name of the data."""
+    read: tuple[str, ...] = ()
+    lost: tuple[str, ...] = ()
+    faults: FaultReport = field(default_factory=no_faults)
+    tasks: Mapping[str, str] = field(default_factory=dict)
+    """By ids as text, as `demonstrators`."""
+    demonstrators: Mapping[str, str] = field(default_factory=dict)
+    lerobot: bool = False
+    hub: str = ""
+
+
+def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
+    """The view of an audit: all that the script of its page draws, as one dict of numbers, text, lists and dicts, with
+    drawings of the `drawn` first in the order of looking.
+
+    Demonstrations are numbered by their place in the data, from 0 on; M are all of them. Keys with the name of a field
+    of `About` or `Audit` are this field; ids are numbers of demonstrations there. The others are:
+
+    run, probability
+        The run id, and what P is called.
+    sides, counts
+        The side of each verdict in use, and its number of demonstrations.
+    question, pair
+        The question, or ""; the two demonstrations that it is about, or none.
+    answers
+        The labels and pairs that were given: [demonstration, "good", "bad", "better than ID" or "same as ID"].
+    demonstrations
+        Columns of M, by the names of `AuditResult.table` and: p (None where the place is shown in its stead), evidence
+        (dict of columns), worst (lists of steps), stretch (the first and the last of the worst steps in a row, or
+        None), group ("A", "B" or ""), session, order, facts (dict of columns), kept.
+    whole_ids, n_review
+        Whether the ids are whole numbers; how many to look at first.
+    faults
+        Recording faults: kinds (of each rule, words and n), found (columns rule, demonstration or None, sentence;
+        the worst first), first (the worst of some demonstrations, numbers of found).
+    drawings
+        By number as text. In P points, of which point k begins at step ``k * n_steps // P``: ratio (min, mean, max of
+        the log-ratios), trust (mean of the trust in the steps), parts with most of the evidence (name, share of the
+        evidence, nats, value, low and high of what the rest do there), and of discrete actions taken (names, codes).
+        Curves are packed by `packed`.
+    """
+    order, n_review = looking_order(audit)
+    places, counts = {name: m for m, name in enumerate(audit.ids)}, audit.verdict_counts()
+    return {
+        "run": audit.run_id,
+        "probability": audit.vocabulary.probability,
+        "sides": {verdict: SIDES[verdict] for verdict in counts},
+        "counts": counts,
+        "question": audit.question or "",
+        "pair": [places[name] for name in audit.pair] if audit.question else [],
+        "contradicting": [places[name] for name in audit.contradicting],
+        "answers": _answers(audit),
+        "demonstrations": _columns(audit, about, order),
+        "whole_ids": all(isinstance(name, int) for name in audit.ids),
+        "n_review": n_review,
+        "faults": _faults(places, about.faults),
+        "fps": audit.fps,
+        "lerobot": about.lerobot,
+        "hub": about.hub,
+        "provenance": {} if audit.provenance is None else audit.provenance.to_dict(),
+        "drawings": drawings(audit, order[:drawn]),
+    }
+
+
+def _answers(audit: AuditResult) -> list[list[object]]:
+    """The labels and pairs that were given, as a file of labels has them."""
+    labels = audit.answers.labels
+    given = [[m, "good" if labels[m] > 0 else "bad"] for m in np.flatnonzero(labels).tolist()]
+    compared = {"better than": audit.answers.pairs, "same as": audit.answers.tied}
+    return given + [[a, f"{word} {audit.ids[b]}"] for word, pairs in compared.items() for a, b in pairs.tolist()]
+
+
+def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
+    """The columns of the demonstrations."""
+    letters = {name: letter for letter, members in audit.groups.items() for name in members}
+    names, facts, table = list(map(str, audit.ids)), audit.facts, audit.table(about.demonstrators, about.tasks)
+    kept = {*choose(table).kept}
+    parts = {name: _significant(part) for name, part in audit.evidence.items() if part.any()}
+    return {
+        "id": names,
+        **{name: list(table[name]) for name in ("verdict", "rank", "n_steps", "reason", "task", "demonstrator")},
+        "log_odds": _significant(audit.log_odds),
+        "p": [
+            round(p, DECIMALS_SHOWN) if audit.has_proba(m) else None for m, p in enumerate(audit.expert_proba.tolist())
+        ],
+        "evidence": parts if len(parts) > 1 else {},
+        "reliability": audit.reliability.round(DECIMALS_SHOWN).tolist(),
+        "worst": [audit.worst_steps(m) for m in range(len(names))],
+        "stretch": [stretch_of(audit, m) for m in range(len(names))],
+        "look": np.argsort(order).tolist(),
+        "group": [letters.get(name, "") for name in audit.ids],
+        "session": list(map(str, facts.get("session", [""] * len(names)))),
+        "order": list(facts.get("order", ())),
+        "facts": {
+            name: [value if isinstance(value, str) else round(float(value), 3) for value in values]
+            for name, values in facts.items()
+            if name not in ("session", "order")
+        },
+        "kept": [name in kept for name in audit.ids],
+    }
+
+
+def _significant(values: Array) -> list[float]:
+    """Numbers with few digits; infinite ones as large as an audit's may be, because JSON has no infinity."""
+    bounded = np.nan_to_num(values, posinf=MAX_LOG_ODDS, neginf=-MAX_LOG_ODDS).tolist()
+    return [significant(value) for value in bounded]
+
+
+def _faults(places: Mapping[Hashable, int], report: FaultReport) -> View:
+    """The recording faults of the demonstrations at these `places`."""
+    found = report.findings[:MAX_FOUND]
+    numbers = {str(name): m for name, m in places.items()}
+    at = [numbers.get(str(one.id)) for one in found]
+    named = ((one, one.id == "" or m is not None) for one, m in zip(found, at, strict=True))
+    return {
+        "first": [at.index(m) for m in dict.fromkeys(at) if m is not None][:MAX_FIRST],
+        "kinds": [
+            {"rule": rule, "words": RULES[rule].words, "n": count}
+            for rule, count in sorted(report.counts.items(), key=lambda item: -item[1])
+        ],
+        "found": {
+            "rule": [one.rule for one in found],
+            "demonstration": at,
+            "sentence": [one.sentence if is_known else f"{one.id}: {one.sentence}" for one, is_known in named],
+        },
+    }
+
+
+def drawings(audit: AuditResult, members: Sequence[int]) -> dict[str, dict[str, object]]:
+    """The drawings of some demonstrations by their numbers, see above; trust is `Audit.step_trust`."""
+    return {str(m): _drawn(audit, m) for m in members}
+
+
+def _drawn(audit: AuditResult, m: int) -> dict[str, object]:
+    ratio, trust = audit.log_ratio(m), audit.step_trust(m)
+    starts = bin_starts(len(ratio))
+    extremes = {"min": np.minimum.reduceat(ratio, starts), "max": np.maximum.reduceat(ratio, starts)}
+    traces = audit.traces.get(audit.ids[m])
+    taken = traces.taken if traces else ()
+    names = sorted(name for name, _ in Counter(taken).most_common(NO_VALUE))  # a byte tells no more apart
+    codes = dict(zip(names, range(len(names)), strict=True))
+    return {
+        "ratio": packed({**extremes, "mean": bin_means(ratio)}),
+        "trust": packed({"mean": bin_means(trust)}, (0.0, 1.0)),
+        "taken": {"names": names, "codes": _as_text(np.array([codes.get(one, NO_VALUE) for one in taken]))},
+        "parts": [
+            {"name": part.name, "share": round(part.share, 4), "nats": significant(part.nats)}
+            | packed({"value": part.value, "low": part.low, "high": part.high})
+            for part in (traces.parts if traces else ())
+        ],
+    }
+
+
+def packed(curves: dict[str, Array], limits: tuple[float, float] | None = None) -> dict[str, object]:
+    """Curves on one scale: each as base64 of bytes, where 0 is "from" and 254 is "to"; 255 is no value."""
+    values = np.array([*curves.values()], dtype=float)
+    known = values[np.isfinite(values)]
+    low, high = limits or ((float(known.min()), float(known.max())) if known.size else (0.0, 0.0))
+    scaled = LEVELS * (values - low) / (high - low or 1.0)
+    codes = np.where(np.isfinite(values), np.clip(np.nan_to_num(scaled), 0, LEVELS).round(), NO_VALUE)
+    return {"from": significant(low), "to": significant(high), **dict(zip(curves, map(_as_text, codes), strict=True))}
+
+
+def _as_text(codes: Int[Array, " P"]) -> str:
+    """Base64 of bytes."""
+    return base64.b64encode(codes.astype(np.uint8).tobytes()).decode()
+
+
+def significant(value: float) -> float:
+    """A number with six significant digits."""
+    return float(f"{value:.6g}")
+
+
+Sections = Sequence[tuple[str, str | Markup]]
+Live = tuple[View, Markup, Markup]
+"""Of a page that asks its server: the view, what stands below the heading, and the script."""
 
 _UNSAFE_IN_SCRIPT = {ord(character): f"\\u{ord(character):04x}" for character in "<>&"}
 
@@ -67,20 +280,23 @@ def _plain(value: object) -> str:
     return "; ".join(map(_plain, value)) if isinstance(value, list | tuple) else str(value)
 
 
-def render_page(
-    view: View, sections: Sequence[tuple[str, str | Markup]] = (), top: Markup = Markup(""), live: str = ""
-) -> str:
-    """The view of an audit as one self-contained HTML page.
+def render_page(audit: AuditResult, about: About, sections: Sections = (), live: Live | None = None) -> str:
+    """An audit as one self-contained HTML page.
 
-    Below its table stand `sections` of a heading and a body, which is `Markup` or is escaped; below its heading `top`.
-    `live` is the script of a page that asks its server; without one a page asks nobody.
+    Below its table stand `sections` of a heading and a body, which is `Markup` or is escaped. A page that is `live`
+    asks its server, and names nobody beside the question; any other asks nobody.
     """
     template = html_environment("rpil.results", "html").get_template("page.html")
-    return template.render(view=view, sections=sections, top=top, live=Markup(live))
+    view, top, script = live or (make_view(audit, about), Markup(""), Markup(""))
+    sentence, next_step = headline(audit, 0 if live else MAX_IDS), NEXT_STEPS[audit.finding]
+    decided = audit.finding in DECIDED or {*audit.verdicts} != {"open"}
+    given = {"audit": audit, "about": about, "view": view, "sections": sections, "top": top, "live": script}
+    differ = [note for note in audit.notes if TWO_GROUPS in note]
+    return template.render(**given, sentence=sentence, next_step=next_step, decided=decided, differ=differ)
 
 
-def write_page(path: str | os.PathLike[str], view: View, sections: Sequence[tuple[str, str | Markup]] = ()) -> None:
+def write_page(path: str | os.PathLike[str], audit: AuditResult, about: About, sections: Sections = ()) -> None:
     """Write the page of `render_page` to `path`, which is replaced only once the new page is complete."""
-    page = render_page(view, sections)
+    page = render_page(audit, about, sections)
     with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", errors="backslashreplace") as stream:
         stream.write(page)

@@ -65,7 +65,7 @@ const makeDetail = (model, place, act) => {
     ];
     const bands = view.drawings[m]?.parts.length ? el("p", { class: "readout muted" }, `Bands: 5 to 95 % of the others ${view.drawings[m].taken.codes ? "in all their steps" : "in the same states"}.`) : "";
     const verdict = () => [el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m]),
-      el("span", { class: "muted" }, `${d.p[m] === null ? `place ${d.rank[m].toLocaleString("en")} of ${model.size.toLocaleString("en")}` : `${view.vocabulary.probability} ${percent(d.p[m])}`}, score ${number(d.log_odds[m])}`, parts ? ` (${parts})` : "")];
+      el("span", { class: "muted" }, `${d.p[m] === null ? `place ${d.rank[m].toLocaleString("en")} of ${model.size.toLocaleString("en")}` : `${view.probability} ${percent(d.p[m])}`}, score ${number(d.log_odds[m])}`, parts ? ` (${parts})` : "")];
     place.replaceChildren(
       el("header", {}, el("h3", {}, names[m]), model.isOpen(m) ? [] : verdict()),
       el("p", { class: "buttons" }, button("good", "g", "Good"), button("bad", "b", "Bad"), live ? live.passing(m) : button("", "u", "No mark"),

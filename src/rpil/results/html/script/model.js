@@ -23,7 +23,7 @@ const makeModel = (view) => {
   const all = new Array(size);
   d.look.forEach((place, m) => { all[place] = m; });
   const found = view.faults.found, faults = Array.from({ length: size }, () => []);
-  (found.demonstration ?? []).forEach((m, k) => { if (m !== null) faults[m].push(k); });
+  found.demonstration.forEach((m, k) => { if (m !== null) faults[m].push(k); });
   const rules = faults.map((own) => [...new Set(own.map((k) => found.rule[k]))]);
   const order = d.order.length ? d.order : d.session.some(Boolean) || d.demonstrator.some(Boolean) ? d.id.map((_, m) => m + 1) : [];
 

@@ -22,7 +22,7 @@ const columnsOf = (model) => {
       ? el("span", { class: `mark ${model.marks.get(m)}` }, model.marks.get(m)) : "") },
     opinion("verdict", "Verdict", 100, (m) => el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m])),
     opinion("rank", "Place", 72, (m) => d.rank[m].toLocaleString("en"), right),
-    opinion("p", view.vocabulary.probability, 100, (m) => (d.p[m] === null ? "" : percent(d.p[m])), right),
+    opinion("p", view.probability, 100, (m) => (d.p[m] === null ? "" : percent(d.p[m])), right),
     opinion("log_odds", "Score", 78, (m) => number(d.log_odds[m]), right),
     opinion("reliability", "Steps like the rest", 160, bar, { varies: new Set(d.reliability.map(percent)).size > 1 }),
     { key: "n_steps", title: "Steps", width: 72, right: true, varies: new Set(d.n_steps).size > 1, cell: (m) => d.n_steps[m].toLocaleString("en") },

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from audits import make_audit
+from rpil.results.html.page import LEVELS, NO_VALUE, drawings, packed
 from rpil.results.judged import TracedPart, Traces
-from rpil.results.view import LEVELS, NO_VALUE, drawings, packed
 
 
 def unpacked(curves, name):

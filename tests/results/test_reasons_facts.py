@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rpil.inference.channels import CHANNELS, normal_scores
-from rpil.results.facts import RANKS, groups_differ, in_words, known_facts, style_in_words
+from rpil.results.reasons import RANKS, groups_differ, in_words, known_facts, style_in_words
 
 UNKNOWN, LENGTHS = np.empty((4, 0)), np.array([5, 9, 9, 8])
 
@@ -31,8 +31,14 @@ def columns(n=4, **channels):
 def test_a_fact_is_the_rank_of_its_channel_and_grows_with_its_name(channel, fact, ranks):
     found = known_facts(columns(**{channel: [1.0, 2.0, 3.0, 50.0]}), LENGTHS, None)
     assert set(found) == set(RANKS)
-    assert found[fact] == pytest.approx(ranks)
+    assert found[fact] == tuple(ranks), "to six digits"
     assert all(values == pytest.approx([0.5] * 4) for name, values in found.items() if name != fact)
+
+
+def test_ranks_have_six_digits():
+    known = columns(3, length=[1.0, 2.0, 3.0])
+    for given in (known, known[:, : len(CHANNELS)]):
+        assert known_facts(given, LENGTHS[:3], None)["length"] == (0.166667, 0.5, 0.833333)
 
 
 def test_what_is_not_known_is_left_out():
@@ -89,11 +95,18 @@ def test_how_two_groups_differ():
     assert found == "B takes longer (median 1,210 against 140 steps), pauses less and has a longer path"
 
 
+def test_four_fifths_of_the_pairs_are_enough():
+    groups, values = (np.arange(20), np.arange(20, 40)), np.r_[np.arange(20.0), [15.5] * 20]
+    (found,) = groups_differ(groups, columns(40, smoothness=values), np.arange(40))
+    assert found == "The two groups: B is smoother."
+
+
 @pytest.mark.parametrize(
     ("groups", "values"),
     [
         (GROUPS, [0, 2, 4, 6, 8, 10, 12, 13, 1, 3, 5, 7, 9, 11]),
         ((np.arange(2), np.arange(2, 4)), UP),  # few: so by chance
+        ((np.arange(5), np.arange(5, 9)), np.arange(9.0)),  # by chance in 2 of 126 orders
         ((np.arange(40), np.arange(40, 80)), np.append(np.arange(40), np.arange(40) + 14)),  # certain and small
         (GROUPS, [0] * 14),
     ],
@@ -115,3 +128,5 @@ def test_what_may_be_chance_or_is_small_is_not_said(groups, values):
 )
 def test_directions_of_facts(channel, sign, phrase):
     assert differ(**{channel: sign * UP}) == f"B {phrase}"
+    swapped = np.r_[UP[:7], 8, 7, UP[9:]]
+    assert differ(**{channel: sign * swapped}) == f"B {phrase}", "one pair of 48 is the other way round"

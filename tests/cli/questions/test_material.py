@@ -1,4 +1,4 @@
-"""The columns of what was recorded, as a page draws them."""
+"""Columns of what was recorded, as a page draws them; tests of videos are in test_material_videos.py."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from rpil import open as open_data
 from rpil import read
-from rpil.cli.questions.curves import N_POINTS, Recorded
+from rpil.cli.questions.material import N_POINTS, Recorded
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 
@@ -48,7 +48,7 @@ def test_actions_that_are_words_are_numbers_of_their_classes():
     actions = np.array(["stay", "left", "right", "stay"])
     recorded = Recorded(Demonstrations(np.zeros((4, 1)), actions, np.array([0, 3, 4]), ids=("a", "b")))
     assert recorded.columns[0]["classes"] == ["left", "right", "stay"]
-    assert values(recorded.curves("a")[0]) == pytest.approx([2, 0, 1], abs=0.01)
+    assert values(recorded.curves(0)[0]) == pytest.approx([2, 0, 1], abs=0.01)
 
 
 def test_a_column_of_all_is_drawn_on_one_scale(data):

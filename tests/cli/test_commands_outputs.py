@@ -16,8 +16,7 @@ import pytest
 
 from audits import make_audit
 from command_line import call, ok, refused
-from rpil.cli import outputs
-from rpil.cli.commands import AuditRun
+from rpil.cli import commands
 from rpil.data.demonstrations import Demonstrations
 from rpil.faults.checking import check
 from rpil.formats.recording import from_demonstrations, from_tables
@@ -47,10 +46,10 @@ def test_audit_writes_verdicts_and_the_list_to_keep(folder):
 
 def test_nothing_to_keep_is_said(folder):
     audit = make_audit(("bad",) * 3, labels=dict.fromkeys(range(3), -1))
-    given = AuditRun(audit, "x", SimpleNamespace(step_columns=None), {})
-    paths = dict.fromkeys(outputs.OUTPUTS) | {"keep": "k.json"}
+    given = commands.AuditRun(audit, "x", SimpleNamespace(step_columns=None), {})
+    paths = dict.fromkeys(commands.OUTPUTS) | {"keep": "k.json"}
     with click.Context(click.Command("audit")), pytest.warns(UserWarning, match=r"k\.json: it lists no demonstration"):
-        outputs.write_outputs(paths, given, lambda _: None)
+        commands.write_outputs(paths, given, lambda _: None)
     assert json.loads(Path("k.json").read_text())["episodes"] == []
     ok("audit", folder / "shifted.parquet", "--keep", "k.json", "--quiet")
     assert json.loads(Path("k.json").read_text())["episodes"] == [*range(12)]
@@ -62,8 +61,8 @@ def test_secrets_of_an_address_are_in_no_report():
     source = "s3://KEY:HIDDEN@bucket/x.csv?token=HIDDEN"
     data = Demonstrations.from_arrays(*parts, ids=audit.ids, offsets=audit.offsets, source=source)
     recording = from_tables(from_demonstrations(data, "CSV"))
-    given = AuditRun(audit, recording.description.source, recording, {})
-    shown = outputs.about(given)
+    given = commands.AuditRun(audit, recording.description.source, recording, {})
+    shown = commands.about(given)
     assert "HIDDEN" not in repr(shown)
     assert shown.source == "s3://***@bucket/x.csv?token=***"
 
@@ -113,15 +112,15 @@ def test_outputs_do_not_join_the_data(folder):
 
 def test_every_output_has_a_writer(tmp_path):
     paths = {"weights": "w.parquet", "verdicts": "v.parquet", "keep": "k.json", "report": "r.html"}
-    assert (*paths, "annotate") == outputs.OUTPUTS  # which is for folders of LeRobot alone
+    assert (*paths, "annotate") == commands.OUTPUTS  # which is for folders of LeRobot alone
     stages: list[str] = []
     data = Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2]))
     recording = from_tables(from_demonstrations(data, "arrays"))
     paths |= {"annotate": None}
     audit, faults = make_audit(), check(recording.demonstrations)
-    given = AuditRun(audit, "data.csv", recording, {}, faults)
+    given = commands.AuditRun(audit, "data.csv", recording, {}, faults)
     with click.Context(click.Command("audit")):
-        outputs.write_outputs(paths, given, stages.append)
+        commands.write_outputs(paths, given, stages.append)
     del paths["annotate"]
     assert stages == [f"writing {path}" for path in paths.values()]
     assert all(Path(path).stat().st_size > 0 for path in paths.values())

@@ -13,7 +13,7 @@ import pytest
 from rich.cells import cell_len
 
 from audits import make_audit
-from rpil.cli.printed_audit import MAX_LINES, MAX_ROWS, MIN_ROWS, next_steps, odd_lines, print_audit
+from rpil.cli.audit import MAX_LINES, MAX_ROWS, MIN_ROWS, next_steps, odd_lines, print_audit
 from rpil.cli.terminal import THEN_RUN
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault

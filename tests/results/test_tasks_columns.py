@@ -1,4 +1,4 @@
-"""Every field of an audit is selected and joined."""
+"""Every field of an audit is cut and joined."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from rpil import Audit
 from rpil.inference.answers import Answers
 from rpil.results.judged import Judged, table_fields
 from rpil.results.provenance import Provenance
+from rpil.results.reasons import FIFTHS
 from rpil.results.record import Demonstrator, Interval
-from rpil.results.tasks import join_audits, select
+from rpil.results.tasks import first_of, join_audits
 
 IDS = tuple(f"d{k}" for k in range(10))
 
@@ -75,18 +76,29 @@ def test_no_field_of_the_full_audit_is_its_default():
     assert set(changed) <= {*given, "verdicts"}
 
 
+def some_of(audit: Audit, rows: list[int]) -> Audit:
+    """The audit of some demonstrations, as if they were a task."""
+    steps = np.concatenate([np.r_[audit.steps(m)] for m in rows])
+    columns = {
+        name: np.array(getattr(audit, name))[rows if axis == "M" else steps] for name, axis, _ in table_fields(Judged)
+    }
+    columns = {name: tuple(own) if isinstance(getattr(audit, name), tuple) else own for name, own in columns.items()}
+    ids, offsets = tuple(audit.ids[m] for m in rows), np.cumsum([0, *audit.lengths[rows]])
+    answers, copies = audit.answers.select(rows), np.arange(len(rows))
+    return replace(audit, **columns, ids=ids, offsets=offsets, answers=answers, copy_of=copies)
+
+
 @pytest.mark.parametrize(("name", "axis", "nothing"), [*table_fields(Judged)])
-def test_a_column_is_selected_and_joined(name, axis, nothing):
-    audit, chosen = full_audit(), [5, 0, 7]
+def test_a_column_is_cut_and_joined(name, axis, nothing):
+    audit = full_audit()
     rows = {"M": [[m] for m in range(10)], "N": [np.r_[audit.steps(m)] for m in range(10)]}[axis]
     column = np.array(getattr(audit, name))
-    part = select(audit, chosen, ["a", "b", "c"])
-    taken = getattr(part, name)
+    taken = getattr(first_of(audit, ["a", "b", "c"]), name)
     assert type(taken) is type(getattr(audit, name))
-    np.testing.assert_array_equal(np.array(taken), column[np.concatenate([rows[m] for m in chosen])])
-    parts = {"odd": select(audit, [1, 3, 5, 7]), "even": select(audit, [0, 2, 4, 6, 8])}
+    np.testing.assert_array_equal(np.array(taken), column[np.concatenate(rows[:3])])
+    parts = {"odd": some_of(audit, [1, 3, 5, 7]), "even": some_of(audit, [0, 2, 4, 6, 8])}
     places = {"odd": [1, 3, 5, 7], "even": [0, 2, 4, 6, 8], "alone": [9]}
-    joined = getattr(join_audits(parts, places, IDS, audit.offsets), name)
+    joined = getattr(join_audits(parts, places, IDS, audit.offsets, Answers.none(10)), name)
     if name == "order":
         assert joined is None
     else:
@@ -97,21 +109,34 @@ def test_a_column_is_selected_and_joined(name, axis, nothing):
 
 def test_names_of_demonstrations_that_are_left_out_are_left_out():
     audit = full_audit()
-    part = select(audit, [3, 0, 2], ["a", "b", "c"])
+    part = first_of(audit, ["a", "b", "c"])
     assert part.ids == ("a", "b", "c")
-    assert part.offsets.tolist() == [0, 33, 113, 145]
-    assert (part.pair, part.competing, part.contradicting) == ((), (("b", "c", "a"), ()), ("c",))  # no pair of one
-    assert part.demonstrators == (replace(audit.demonstrators[0], demonstrations=("b", "c", "a")),)
-    assert same(part.traces, {"b": audit.traces["d0"], "a": audit.traces["d3"]})
-    assert part.answers.labels.tolist() == [0, 0, -1]
-    assert (part.answers.pairs.tolist(), part.answers.tied.tolist()) == ([], [[2, 0]])
-    assert select(audit, [9, 3, 5, 1]).copy_of.tolist() == [0, 1, 1, 3], "they stay copies without the first of them"
-    assert select(audit, [1, 3]).pair == audit.pair
+    assert part.offsets.tolist() == [0, 80, 111, 143]
+    assert (part.pair, part.competing, part.contradicting) == ((), (("a", "b", "c"), ()), ("c",))  # no pair of one
+    assert part.demonstrators == (replace(audit.demonstrators[0], demonstrations=("a", "b", "c")),)
+    assert same(part.traces, {"a": audit.traces["d0"]})
+    assert part.answers.labels.tolist() == [0, 1, -1]
+    assert (part.answers.pairs.tolist(), part.answers.tied.tolist()) == ([[0, 1]], [])
+    assert first_of(audit, IDS[:4]).copy_of.tolist() == [0, 1, 2, 0]
+    assert first_of(audit, "abcd").pair == ("b", "d")
+    assert first_of(replace(audit, order=None), IDS[:4]).order is None
 
 
 def test_answers_about_those_that_are_left_out_count():
     """As the labels of a reference do, beside which the others were judged."""
-    audit = make_audit(("good",) * 2 + ("bad",) * 8, labels={0: 1, 9: -1}, anchor="answers")
-    part = select(audit, range(2, 10))
+    audit = make_audit(("bad",) * 8 + ("good",) * 2, labels={9: 1, 0: -1}, anchor="answers")
+    part = first_of(audit, range(8))
     assert (part.answers.count, part.choice.kept) == (1, ())
-    assert len(select(make_audit(audit.verdicts, labels={0: 1}), range(2, 10)).choice.kept) == 8
+    assert len(first_of(make_audit(audit.verdicts, labels={9: 1}), range(8)).choice.kept) == 8
+
+
+def test_places_in_the_ranking_do_not_count_those_that_are_left_out():
+    """A reference that ranks above all would leave nobody in the highest fifth, and count among the places."""
+    scores = np.array([0.0, 1, 2, 3, 4, 90, 91, 92, 93, 94])
+    audit = make_audit(
+        ("open",) * 10, lengths=[9] * 10, log_odds=scores, step_log_ratio=np.zeros(90), finding="no outliers"
+    )
+    alone = first_of(audit, range(5))
+    assert [reason.partition(" of")[0] for reason in alone.reasons] == [*FIFTHS]
+    answered = first_of(replace(audit, finding="answered", anchor="answers"), range(5))
+    assert "place 1 of 5" in answered.reasons[4]
