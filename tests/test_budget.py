@@ -19,16 +19,16 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (2621, 24),
+    "cli": (2455, 24),
     "data": (2938, 35),
     "estimators": (2089, 19),
     "faults": (2254, 79),
-    "formats": (6936, 73),
+    "formats": (6621, 73),
     "inference": (2144, 89),
     "mixture": (797, 20),
     "numerics": (556, 14),
     "policies": (1319, 49),
-    "results": (3023, 50),
+    "results": (2943, 50),
     "scale": (593, 20),
     "simulation": (425, 0),
 }

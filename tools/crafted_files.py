@@ -160,7 +160,7 @@ def video_times_that_are_no_numbers(folder: Path) -> Found:
             pa.table({key: times.get(key, table[key]) for key in table.column_names}), f"from {start}/{place}"
         )
         videos = EpisodeVideos.of(f"from {start}", range(n), 20.0)
-        json.dumps([videos.cameras(m) for m in range(n)], allow_nan=False)  # as the server of a review answers
+        json.dumps([videos.of_one(m) for m in range(n)], allow_nan=False)  # as the server of a review answers
         keep = call("keep", f"from {start}", "--verdicts", "labels.csv", "-q", "-o", f"kept {start}")
         said = "40 frames for 8 rows" in keep.stderr, "TypeError" in keep.stderr
         found = keep.exit_code, Path(f"kept {start}").exists(), "from_timestamp is" in videos.note, *said
