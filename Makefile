@@ -44,12 +44,13 @@ $(VENV)/.docs: $(VENV)/.made
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	touch $@
 
-# docs/results.md from one commit (benchmarks/README.md has times); what is finished is not done again. DATA holds NPZ
+# docs/results.md and docs/speed.md from one commit (benchmarks/README.md has times); what is finished is not done again. DATA holds NPZ
 # files.
 DATA ?= ../shared/data
 
 results: $(VENV)/.made
 	$(BIN)/python benchmarks/results.py --data $(DATA) --processes 2
+	$(BIN)/python benchmarks/speed.py --data $(DATA) --json build/figures/speed.json --page docs/speed.md
 
 # The paper's Tables 1-6 and Figures 1-7: some minutes for each table.
 PAPER ?= build/paper

@@ -12,17 +12,19 @@ from typing import Any
 from rpil.numerics.parallel import cores
 
 PACKAGES = ("rpil", "numpy", "scipy", "scikit-learn", "gymnasium", "box2d", "cleanlab", "dask", "pyarrow")
-PAGE = "docs/results.md"
-"""What figures are written to, so that it is no source of them."""
+PAGES = "docs/results.md", "docs/speed.md"
+"""What figures are written to, so that they are no source of them."""
 
 _ROOT = Path(__file__).parents[1]
 
 
 def source() -> dict[str, Any]:
-    """Commit (None outside its checkout), and whether tracked files but `PAGE` differ from it."""
+    """Commit (None outside its checkout), and whether tracked files but `PAGES` differ from it."""
     return {
         "commit": _git("rev-parse", "--short=12", "HEAD"),
-        "dirty": bool(_git("status", "--porcelain", "--untracked-files=no", "--", ".", f":(exclude){PAGE}")),
+        "dirty": bool(
+            _git("status", "--porcelain", "--untracked-files=no", "--", ".", *map(":(exclude){}".format, PAGES))
+        ),
     }
 
 

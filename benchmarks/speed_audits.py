@@ -1,8 +1,9 @@
-"""Rows K to P: default fits of recorded and of wide data, and `rpil audit` of a large folder that is made here."""
+"""Rows K to T and W: default fits of recorded and of wide data, and commands on folders that are made here."""
 
 from __future__ import annotations
 
 import json
+import os
 import resource
 import statistics
 import subprocess
@@ -27,6 +28,7 @@ from rpil.estimators.rpil import RPIL
 from rpil.formats.dataset import Dataset
 from rpil.policies.features import FeatureMap, FeatureSettings
 from speed_common import Measured, Skipped, wide_regression
+from worlds.plain import choose, made, reach
 
 N_FOLDS = 5
 EPISODES_PER_FILE = 100
@@ -95,19 +97,72 @@ def cross_fit(design: NDArray[Any], data: Demonstrations) -> NDArray[Any]:
 # ---- a folder --------------------------------------------------------------------------------------------------------
 
 
-def audit_of_folder(size: dict[str, int], _: int) -> Measured:
-    """P: wall and CPU seconds of `rpil audit FOLDER` in a process of its own, and 1 if it tells the time left."""
+def audit_of_folder(letters: str, size: dict[str, int], repeats: int) -> Measured:
+    """P and S: CPU seconds of `rpil audit FOLDER`, and over what cannot be avoided: to read the columns with pyarrow,
+    one pass of differences and a five-fold `Ridge`. R and T: the same of `rpil check`, over reading and the pass."""
+    used: dict[str, list[float]] = {name: [] for name in ("audit", "check", "read", "pass", "ridge")}
     with tempfile.TemporaryDirectory() as temporary:
         folder = lerobot_folder(Path(temporary) / "made", size["episodes"], size["steps"], size["joints"])
-        command = [sys.executable, "-c", "from rpil.cli.entry import main; main()", "audit", str(folder)]
-        begun, before = time.perf_counter(), _children_seconds()
-        run = subprocess.run(command, capture_output=True, text=True, check=False, cwd=temporary)
-        seconds, used = time.perf_counter() - begun, _children_seconds() - before
-    if run.returncode:
-        raise RuntimeError(run.stderr)
-    details = {"progress": run.stderr.splitlines(), "output": run.stdout.splitlines()[:3]}
-    values = {"P": seconds, "P_cpu": used, "P_time_left": float(" s left" in run.stderr)}
-    return Measured(values, details)
+        for _ in range(repeats):
+            for name in ("audit", "check"):
+                used[name].append(command_seconds(name, folder)[0])
+            for name, seconds in unavoidable(folder).items():
+                used[name].append(seconds)
+    seconds = {name: statistics.median(of) for name, of in used.items()}
+    least = seconds["read"] + seconds["pass"]
+    audit, check = letters
+    values = {f"{audit}_cpu": seconds["audit"], audit: seconds["audit"] / (least + seconds["ridge"])}
+    values |= {f"{check}_cpu": seconds["check"], check: seconds["check"] / least}
+    return Measured(values, {"seconds": seconds})
+
+
+def command_seconds(name: str, path: Path) -> tuple[float, float]:
+    """CPU seconds and GiB of a command on `path`, in a process of its own."""
+    words = [sys.executable, "-c", "from rpil.cli.entry import main; main()", name, str(path)]
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
+    with tempfile.TemporaryFile() as output:
+        run = subprocess.Popen(words, stdout=output, stderr=output, cwd=path.parent, env=environment)
+        _, status, usage = os.wait4(run.pid, 0)
+        run.returncode = os.waitstatus_to_exitcode(status)
+        if run.returncode not in (0, 1):  # 1: there are faults
+            output.seek(0)
+            raise RuntimeError(output.read().decode())
+    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 2**20
+
+
+def unavoidable(folder: Path) -> dict[str, float]:
+    """CPU seconds to read the states and actions of a folder, of a pass of differences, and of a cross-fit."""
+    import pyarrow.dataset
+
+    def read() -> list[NDArray[Any]]:
+        table = pyarrow.dataset.dataset(folder / "data").to_table(["observation.state", "action", "episode_index"])
+        lists = (table[name].combine_chunks() for name in ("observation.state", "action"))
+        wide = [np.asarray(each.flatten()).reshape(table.num_rows, -1) for each in lists]
+        return [*wide, np.asarray(table["episode_index"])]
+
+    with threadpool_limits(1):
+        seconds, (states, actions, groups) = cpu_seconds(read)
+        passed, _ = cpu_seconds(lambda: [np.abs(np.diff(each, axis=0)).max() for each in (states, actions)])
+        folds = GroupKFold(N_FOLDS).split(states, groups=groups)
+        fitted, _ = cpu_seconds(lambda: [Ridge().fit(states[teach], actions[teach]) for teach, _ in folds])
+    return {"read": seconds, "pass": passed, "ridge": fitted}
+
+
+def wide_audits(size: dict[str, int], repeats: int) -> Measured:
+    """W: CPU seconds of `rpil.audit` where there are many useless columns, beside numbers or four classes, or a hundred
+    classes."""
+    n, useless, n_classes = size["demonstrations"], size["useless"], size["classes"]
+    worlds = {
+        "W_numbers": made(reach, n, 0.2, useless),
+        "W_classes": made(choose, n, 0.2, useless),
+        "W_many": made(choose, n, 0.2, n_classes=n_classes, n_steps=40),
+    }
+    values = {}
+    with threadpool_limits(1, "blas"):
+        for name, world in worlds.items():
+            runs = [cpu_seconds(lambda world=world: rpil.audit(world.demonstrations))[0] for _ in range(repeats)]
+            values[name] = statistics.median(runs)
+    return Measured(values)
 
 
 def start(size: dict[str, int], repeats: int) -> Measured:

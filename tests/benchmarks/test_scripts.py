@@ -27,11 +27,12 @@ ARGUMENTS = {
     "answers": ["--quick", "--processes", "1"],
     "peers": ["--quick", "--processes", "1"],
     "ablations": ["--quick"],
+    "growth": ["--quick"],
     "paper": PAPER,
     "speed": [
         "--quick",
         "--rows",
-        "A,D,J,K,O,P",
+        "A,D,J,K,O,P,W",
     ],  # not those that take seconds, or start processes
 }
 
@@ -142,6 +143,12 @@ def test_driven(tmp_path, capsys):
     assert cell["RPIL()"] >= cell["good alone"] - 5 > cell["all alike"] + 50
     assert 0 <= min(game["RPIL()"], game["all alike"]) <= 100
     assert "1 of 2 cells in which the good ones alone gain" in capsys.readouterr().out
+
+
+def test_growth(written):
+    ((number, sizes),) = written.run("growth")["sizes"].items()
+    assert number == "6"
+    assert all(len(sizes[name]) == 2 and sizes[name][0] > sizes["read"][0] > 0 for name in ("info", "check", "audit"))
 
 
 def test_speed(written):

@@ -12,7 +12,7 @@ from problems import fit_data_of, make, make_continuous
 from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax, frequencies, held_out_model, log_reference
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
-from rpil.numerics.regression import ErrorSettings, error_scale, student_log_densities
+from rpil.numerics.regression import ErrorSettings, error_scale, mean_ranks, student_log_densities
 from rpil.policies.folds import deal
 
 STEPS = (40, 60)
@@ -33,6 +33,19 @@ def test_softmax_log_probabilities_are_those_of_scikit_learn_on_the_other_folds(
         proba = (1 - LAPSE) * model.predict_proba(problem.features[test][:, :-1]) + LAPSE * q
         taken = np.log(proba[np.arange(test.sum()), problem.actions[test]])
         np.testing.assert_allclose(scored[test], taken, atol=0.03)
+
+
+@pytest.mark.parametrize("kind", ["noisy", "flipped", "random"])
+def test_fits_that_go_on_from_others_rank_demonstrations_as_fits_to_the_end(kind):
+    """After other ridges and other groups, with a Hessian that all folds share."""
+    problem = fit_data_of(make(kind, 1, n_good=20, n_bad=10, steps=STEPS))
+    rng, group = np.random.default_rng(0), problem.per_step(np.arange(30) < 18).astype(float)
+    model = held_out_model(problem, HeldOutSettings())
+    for ridge in HeldOutSettings().ridges[:2]:
+        model.evaluate(rng.random(len(problem.actions)), ridge)
+    exact = held_out_model(problem, replace(HeldOutSettings(), tol=1e-9))
+    scores = [problem.mean_steps(each.evaluate(group, 1e-3)) for each in (model, exact)]
+    assert np.corrcoef(*map(mean_ranks, scores))[0, 1] >= 0.999
 
 
 def test_ridge_log_probabilities_are_those_of_scikit_learn_on_the_other_folds():
