@@ -20,15 +20,15 @@ ROOT = TOOL["ROOT"]
 
 BUDGETS = {
     "cli": (2455, 24),
-    "data": (2938, 35),
+    "data": (2933, 35),
     "estimators": (2089, 19),
     "faults": (2254, 79),
-    "formats": (6621, 73),
+    "formats": (6619, 73),
     "inference": (2144, 89),
     "mixture": (797, 20),
     "numerics": (556, 14),
     "policies": (1319, 49),
-    "results": (2943, 50),
+    "results": (2945, 50),
     "scale": (593, 20),
     "simulation": (425, 0),
 }

@@ -84,11 +84,6 @@ def read_answer_rows(path: StrPath, ids: Iterable[object] = ()) -> list[AnswerRo
     return [AnswerRow(m, word, *note) for m, words, note in lists for word in words]
 
 
-def check_labels_file(path: StrPath) -> Path:
-    """`path`, or a `DataError` where answers cannot be written to it because it is no CSV file."""
-    return check_extension(path, _EXTENSIONS[:1], "labels")
-
-
 def parse_answers(
     rows: Iterable[tuple[str, object]] | Iterable[AnswerRow], source: str, ids: Iterable[object]
 ) -> tuple[dict[str, Label], Pairs]:

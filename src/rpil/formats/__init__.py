@@ -21,7 +21,6 @@ from rpil.data.files import StrPath, check_extension, replacing
 from rpil.data.guard import guarded
 from rpil.data.held import holding
 from rpil.data.id_values import (
-    check_labels_file,
     is_id_file,
     label_codes,
     match_demonstrators,
@@ -45,7 +44,6 @@ __all__ = [
     "ColumnOptions",
     "Description",
     "Recording",
-    "check_labels_file",
     "label_codes",
     "read_answers",
     "read_labels",
