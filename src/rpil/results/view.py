@@ -198,8 +198,8 @@ def _faults(audit: AuditResult, report: FaultReport | None) -> View:
         worst.setdefault(places.get(str(one.id)), k)
     return {
         "n_odd": len(report.odd),
-        "first": [k for m, k in worst.items() if m is not None][:MAX_FIRST],
-        "beside": [one.sentence for one in found if one.id == ""][:MAX_FIRST],
+        "first": [k for m, k in worst.items() if m is not None and audit.ids[m] in report.odd][:MAX_FIRST],
+        "beside": [one.sentence for one in report.lines if one.id == ""][:MAX_FIRST],
         "kinds": [
             {"rule": rule, "words": RULES[rule].words, "n": count}
             for rule, count in sorted(report.counts.items(), key=lambda item: -item[1])
