@@ -212,7 +212,7 @@ KINDS: dict[str, Kind] = {
     "offset": Kind(
         _column("offset", lambda x, size, sd, way: x + size * sd * way), (0.5,), "sd of the column", "offset"
     ),
-    "action early": Kind(_rows(lambda e, n: np.column_stack([e[:-1, :n], e[1:, n:]])), (1,), "step", "shifted action"),
+    "action early": Kind(_rows(lambda e, n: np.column_stack([e[:-1, :n], e[1:, n:]])), (1,), "step", "lag"),
     "never moves": Kind(_column("never moves", lambda x, *_: np.full_like(x, x[0])), (1,), "column", "never moves"),
     "frame rate": Kind(_rows(lambda e, n: e[::2]), (0.5,), "times the rate", "frame rate"),
 }

@@ -41,7 +41,7 @@ from tempfile import TemporaryDirectory
 ROOT = Path(__file__).parents[1]
 JUDGE = ("outliers", "answers", "answered", "two_parts", "trust", "groups")
 ACTS = ("step_weights", "choice", "answering", "tasks", "reasons", "overview")
-FAULTS = ("motion", "whole_rules", "recorded", "rule", "measured_columns", "lag", "maps")
+FAULTS = ("motion", "whole_rules", "recorded", "rule", "measured_columns", "lag", "still", "tracking")
 ROOMS = dict.fromkeys(JUDGE, "inference") | dict.fromkeys(ACTS, "results") | dict.fromkeys(FAULTS, "faults")
 """The modules that are changed where none is named, and their rooms."""
 MORE_TESTS = (
@@ -108,8 +108,7 @@ EQUIVALENT = {
     ),
     "whole_rules: return lengths, np.where(lengths > high, high, low), np.where(self.is_cut, cut, severity): "
     "lengths > high -> lengths >= high": "What is as long as the limit is no fault.",
-    "maps: return 0, 0.0: 0 -> 1": "Which fault gains nothing is not read.",
-    "motion: counted = np.append(0, np.cumsum(counts)): 0 -> 1": "Only differences are taken.",
+    "still: counted = np.append(0, np.cumsum(counts)): 0 -> 1": "Only differences are taken.",
     'rule: return cause.rule != "length" or cause.value > cause.threshold: '
     "cause.value > cause.threshold -> cause.value >= cause.threshold": "What is as long as the limit is no fault.",
     "whole_rules: last = np.maximum.reduceat(np.where(moves, steps, -1), offsets[:-1]): 1 -> 2": (

@@ -122,7 +122,7 @@ def check_sarif(log):
     assert all(re.fullmatch(r"RPIL-\d{3}", rule["id"]) and rule["shortDescription"]["text"] for rule in rules)
     for result in run["results"]:
         assert rules[result["ruleIndex"]]["id"] == result["ruleId"]
-        assert result["level"] in ("note", "warning")
+        assert result["level"] in ("note", "warning", "error")
         (place,) = result["locations"]
         assert place["physicalLocation"]["region"]["startLine"] == 1
         assert re.fullmatch(r"(file:///)?[\w.%/-]+", place["physicalLocation"]["artifactLocation"]["uri"])

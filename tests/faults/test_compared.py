@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from rpil.faults.checking import without_consequences
+from rpil.faults.command_rules import CommandRule
 from rpil.faults.measured_columns import MeasuredColumns
-from rpil.faults.motion import FrozenSensor, Jump, NeverMoves, Saturation, Spike
+from rpil.faults.motion import Jump, Spike
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Measurements, above
+from rpil.faults.still import FrozenSensor, NeverMoves, Saturation
+from rpil.faults.tracking import Tracked
 from rpil.faults.whole_rules import IdleEnd, IdleHead, IdleTail, Length, OtherLag
 
 M = 8
@@ -33,9 +36,12 @@ def applied(rule, *measured, lengths=None, of=None):
     """A rule, of arrays (M,) or (M, C) of what its measure gave."""
     n = len(measured[0]) if measured else len(lengths)
     pairs = (SimpleNamespace(usual=np.full(100, 1.0)),)
-    learned = SimpleNamespace(columns=of or columns(), pairs=pairs)
+    none = np.zeros(0, dtype=int)
+    tracked = Tracked(none, none, np.zeros(0), np.zeros(0, dtype=bool))
+    learned = SimpleNamespace(columns=of or columns(), pairs=pairs, tracked=tracked)
     lengths = np.full(n, 100) if lengths is None else lengths
-    return rule(Measurements(learned, {rule.measure: measured}, tuple(range(n)), lengths, None))
+    every = {CommandRule.measure: (np.zeros((n, 0)),), rule.measure: measured}
+    return rule(Measurements(learned, every, tuple(range(n)), lengths, None))
 
 
 def found(rule):
@@ -138,7 +144,7 @@ def test_a_lag_of_few_steps_may_be_another_by_chance():
 @pytest.mark.parametrize(("memory", "is_known"), [(0.71, True), (0.69, False)])
 def test_leaps_are_known_where_a_step_tells_about_the_next(memory, is_known):
     size = np.array([[1.0]] * 7 + [[9.0]])
-    rule = applied(Spike, size, np.full((M, 1), 5), np.full((M, 1), 5), size, of=columns(memory=memory))
+    rule = applied(Spike, size, np.full((M, 1), 5), np.full((M, 1), 5), size, size, of=columns(memory=memory))
     assert found(rule) == ([(7, 5, 5)] if is_known else [])
     assert rule.silent == (() if is_known else ("c0",))
 
@@ -154,6 +160,7 @@ def held(still, at, first=5, moving=1.0, shift=100.0):
         low[0] = 0.0
     runs = np.where(np.arange(M) == 3, still, 1)[:, None]
     measured = runs, np.full((M, 1), first), runs + 1, np.full((M, 1), at + shift), low + shift, high + shift
+    measured += np.zeros(M, dtype=int), np.zeros(M, dtype=int)
     return [(rule, applied(rule, *measured, of=columns(moving=moving))) for rule in (FrozenSensor, Saturation)]
 
 
@@ -180,7 +187,10 @@ def test_one_value_for_long_is_no_fault_at_first(case, frozen, saturated):
 def test_other_columns_with_the_fault_are_counted():
     still = np.where(np.arange(M)[:, None] == 3, [[30, 13, 12]], 1)
     ends = np.full((M, 3), 0.0), np.full((M, 3), 10.0)
-    rule = applied(FrozenSensor, still, np.full((M, 3), 5), still + 1, np.full((M, 3), 5.0), *ends, of=columns(3))
+    last = np.zeros(M, dtype=int), np.zeros(M, dtype=int)
+    rule = applied(
+        FrozenSensor, still, np.full((M, 3), 5), still + 1, np.full((M, 3), 5.0), *ends, *last, of=columns(3)
+    )
     (fault,) = rule.findings()
     assert fault.sentence.endswith("(usual: up to 12 steps); the same in 1 more column")
 
@@ -242,8 +252,9 @@ def test_ends_are_idle_where_no_controller_settles(motion, is_idle):
         every = np.concatenate([before, own, before])
         offsets = np.cumsum([0, 5, len(own), 5])
         codes = SimpleNamespace(actions=np.zeros(len(every), dtype=int))
-        block = SimpleNamespace(moves=every > 0.05, offsets=offsets, motion=every, block=codes)
-        head, tail = IdleEnd.measure(block, None)
+        block = SimpleNamespace(moves=every > 0.05, offsets=offsets, motion=every, block=codes, numbers=range(3))
+        head, tail, *rests = IdleEnd.measure(block, SimpleNamespace(tracked=SimpleNamespace(is_command=False)))
+        assert not np.any(rests)
         n = len(motion)
         assert (head if at_head else tail)[1] == (n if is_idle or n < 10 else 0)
         assert (tail if at_head else head).tolist() == [0, 0, 0]
@@ -251,7 +262,7 @@ def test_ends_are_idle_where_no_controller_settles(motion, is_idle):
 
 def test_idle_ends_are_faults_beyond_the_usual_and_the_steps_to_trim():
     lengths = np.arange(40, 48)
-    measured = np.array([0, 0, 0, 0, 0, 0, 10, 30]), np.array([0, 0, 0, 0, 20, 0, 10, 0])
+    measured = np.array([0, 0, 0, 0, 0, 0, 10, 30]), np.array([0, 0, 0, 0, 20, 0, 10, 0]), *np.zeros((5, 8), dtype=int)
     for rule, expected in ((IdleHead, [(7, 0, 29)]), (IdleTail, [(4, 24, 43)])):
         assert found(applied(rule, *measured, lengths=lengths)) == expected
 
@@ -298,6 +309,6 @@ def test_the_worst_finding_of_each_rule_stays_without_those_that_follow_from_ano
 
 
 def test_a_finding_that_follows_from_another_explains_none():
-    rests, rate, length = fault("never moves"), fault("frame rate"), fault("length")
-    assert without_consequences([rate, length]) == [rate]
-    assert without_consequences([rests, rate, length]) == [rests, length]
+    jump, frozen, idle = fault("jump"), fault("frozen sensor", first=6, last=9), fault("idle tail", last=9)
+    assert without_consequences([jump, frozen]) == [frozen]
+    assert {*without_consequences([jump, frozen, idle])} == {jump, idle}

@@ -40,7 +40,7 @@ def test_other_frames_a_second_than_declared_are_one_finding(timestamps, said):
     found = [one for one in report.findings if one.rule == "timestamps"]
     assert [one.sentence for one in found] == said
     assert all(one.id == "" for one in found)
-    assert report.odd == tuple(dict.fromkeys(one.id for one in report.findings if one.id != ""))
+    assert report.odd == tuple(dict.fromkeys(one.id for one in report.lines if one.id != ""))
 
 
 def test_findings_of_files_and_videos_are_in_the_same_table(tmp_path):

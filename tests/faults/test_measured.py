@@ -11,7 +11,6 @@ import pytest
 from recordings import changed, demonstrations, recording
 from rpil.faults import lag, settings
 from rpil.faults.checking import check
-from rpil.faults.maps import learn_maps
 from rpil.faults.measured_columns import changes, column_labels, learn_columns, pilot
 from rpil.faults.motion import Jump, RepeatedFrames, Scale, Spike
 from rpil.faults.recorded import find_frame_times
@@ -40,9 +39,9 @@ def each(values):
 def test_spikes_and_jumps_are_the_largest_of_each_demonstration():
     values = RNG.normal(size=(3, OFFSETS[-1])).round(1)
     values[:, -1] = values[:, -2]
-    spikes, _, step, largest = Spike.measure(block_of(values), None)
+    spikes, _, step, largest, next_spikes = Spike.measure(block_of(values), None)
     every = SimpleNamespace(scale=np.array([0.5, 1.0, 2.0]))
-    jumps, before, after, _, of_all, _ = Jump.measure(block_of(values, columns=every), None)
+    jumps, before, after, _, of_all, _, _, next_jumps = Jump.measure(block_of(values, columns=every), None)
     np.testing.assert_array_equal(before, after - 1)
     for m, part in enumerate(each(values)):
         n = part.shape[1]
@@ -60,6 +59,9 @@ def test_spikes_and_jumps_are_the_largest_of_each_demonstration():
             assert largest[m, c] == d.max()
             assert spike[step[m, c]] == max(spike)
             assert jump[after[m, c]] == max(jump)
+            for top, every_one, at in ((next_spikes, spike, step), (next_jumps, jump, after)):
+                rest = [x for t, x in enumerate(every_one) if abs(t - at[m, c]) > settings.WIDTH]
+                assert top[m, c] == pytest.approx(max(rest, default=0.0))
         size = np.log1p(np.abs(np.diff(part, axis=1)) / every.scale[:, None]).mean(axis=0)  # size[t - 1] leads to t
         own = [size[t - 1] - max(*size[t - 3 : t - 1], *size[t : t + 2]) for t in range(3, n - 2)]
         assert of_all[m, 0] == pytest.approx(max([0.0, *own]))
@@ -88,10 +90,12 @@ def test_levels_and_changes_are_means_of_sizes():
 def test_rows_are_repeated_between_rows_that_move(steps, motion, expected):
     own = np.array([steps, np.arange(len(steps))], float)  # the action moves all the while
     values = np.concatenate([np.tile([0.0, 1, 2], (2, 1)), own, np.tile([7.0, 8, 9], (2, 1))], axis=1)
-    columns = SimpleNamespace(is_action=np.array([False, True]), motion=2.0)
+    columns = SimpleNamespace(is_action=np.array([False, True]), motion=2.0, scale=np.ones(2))
     every = 2 * np.concatenate([np.ones(3), motion, np.ones(3)])
-    block = block_of(values, np.cumsum([0, 3, len(steps), 3]), columns=columns, motion=every)
-    repeats, first, length = RepeatedFrames.measure(block, None)
+    own = SimpleNamespace(actions=values[1:].T)
+    block = block_of(values, np.cumsum([0, 3, len(steps), 3]), columns=columns, motion=every, block=own)
+    repeats, first, length, whole, *_ = RepeatedFrames.measure(block, None)
+    assert not whole.any()  # the action does not repeat
     assert (repeats[1], length[1]) == (expected[0], expected[2])
     assert first[1] == expected[1] or not length[1]
     assert repeats.tolist()[::2] == [0, 0]
@@ -164,36 +168,23 @@ def test_correlations_are_those_within_demonstrations():
         np.testing.assert_allclose(found[:, k + most], total / norms, atol=1e-12)
 
 
-def test_what_is_learned_of_sound_recordings(monkeypatch):
+def test_what_is_learned_of_sound_recordings():
     """The numbers are those of today: whatever changes one of them changes what is found."""
     rng = np.random.default_rng(1)
     noisy = [(x + rng.normal(size=x.shape) * [0.1, 0, 0.02], a) for x, a in CLEAN]
-    few = {"LEAST_GAIN": -1e3, "OFFSET_GAIN": 0.0, "MAP_COLUMNS": 2, "MAP_SAMPLE": 7, "MAP_FOLDS": 3}
-    for name, value in few.items():
-        monkeypatch.setattr(settings, name, value)
     learned = Learned.of(demonstrations(noisy))
     pairs = [(pair.action, pair.state, pair.of_change, len(pair.memory), pair.lag) for pair in learned.pairs]
     assert pairs == [(4, 1, False, 3, 2), (5, 2, False, 3, 2), (3, 0, False, 1, 2)]
     correlations = [pair.correlation for pair in learned.pairs]
     np.testing.assert_allclose(correlations, [0.9865782, 0.5068785, 0.3330825], rtol=1e-5)
 
-    namer = learned.namer
-    assert (namer.window.lag, namer.window.n_states, namer.window.column.tolist()) == (1, 2, [1, 2, 4, 5])
-    signs = [-11.17752, -8.154924, -11.46119, -7.968883]
-    of_rows, offsets = [-6.394593, -8.750023, -5.738756, -5.282155], [23.2608, 8.471821, 23.24741, 8.475189]
-    np.testing.assert_allclose(namer.limit, [*signs, *of_rows, *offsets], rtol=1e-4)
-    np.testing.assert_allclose(namer.usual, [7.015096e-6, 7.347783e-4, 9.689544e-6, 8.78671e-4], rtol=1e-4)
-    np.testing.assert_allclose(
-        (namer.reach * namer.window.spread**2).sum(axis=1), [31.37547, 30.17072, 30.8976], rtol=1e-5
-    )
-    np.testing.assert_allclose([namer.rest, namer.level.rest], [0.51709, 4.889641], rtol=1e-4)
-    sample = learn_columns(*pilot(demonstrations(noisy)), tuple("xyzabc"))
-    # Of twice as many as are looked at, half are tried.
-    many = learn_maps(sample, *lag.find_lag(sample, settings.MAX_LAG)[:2], 400)
-    assert namer.screen == -np.inf < many.screen < many.rest == namer.rest
+    tracked = learned.tracked
+    assert (tracked.action.tolist(), tracked.state.tolist(), tracked.lag) == ([3, 4, 5], [0, 1, 2], 2)
+    assert tracked.is_command
+    assert tracked.fits.all()
 
 
-def test_those_most_correlated_come_first():
+def test_what_is_related_is_the_largest_correlation_over_the_lags():
     rng = np.random.default_rng(1)
     d = demonstrations([(x + rng.normal(size=x.shape) * [0.1, 0, 0.02], a) for x, a in CLEAN])
     sample = learn_columns(*pilot(d), column_labels(d))
@@ -205,8 +196,6 @@ def test_those_most_correlated_come_first():
     np.testing.assert_allclose(
         lag._related(sample, np.arange(3, 6), np.arange(3), settings.MAX_LAG), related, rtol=1e-5
     )
-    action, state = lag.find_lag(sample, settings.MAX_LAG)[1]
-    assert (action.tolist(), state.tolist()) == ([4, 5, 3], [1, 2, 0])
 
 
 def test_the_action_may_follow_the_state():

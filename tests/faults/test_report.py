@@ -47,7 +47,7 @@ def test_a_file_a_frame_and_a_recording_are_checked_alike(tmp_path):
 def test_the_report_is_a_frame_a_file_and_text(tmp_path):
     report = rpil.check(jumping())
     frame = report.to_frame()
-    assert frame.columns.tolist()[:5] == ["number", "rule", "id", "first", "last"]
+    assert frame.columns.tolist()[:5] == ["number", "grade", "rule", "id", "first"]
     assert frame["rule"].tolist() == ["jump"]
     assert frame["id"].tolist() == ["5"]
     for name in ("a.csv", "a.parquet", "a.json"):

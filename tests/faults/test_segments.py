@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from rpil.faults.measured_columns import changes, means
-from rpil.faults.motion import largest, longest_runs
+from rpil.faults.still import largest, longest_runs
 
 OFFSETS = np.array([0, 1, 4, 9, 30])
 VALUES = np.random.default_rng(0).integers(0, 3, size=(4, 30)).astype(float)

@@ -146,7 +146,7 @@ def print_audit(
     from rpil.results.overview import first_sentence, look_first
 
     width, odd = line_width(), [] if faults is None else odd_lines(faults)
-    faulty = () if faults is None else tuple(found.id for found in faults.findings)
+    faulty = () if faults is None else faults.odd
     above = [*fit(first_sentence(audit, faulty), width, 2), *head, *finding_lines(audit), *odd, ""]
     counts = fit(f"{verdict_sentence(audit)}{'' if all_rows else ' All: --all.'}", width)
     notes = [*_notes(audit, all_rows, width)]
@@ -189,9 +189,10 @@ def odd_lines(report: FaultReport) -> list[str]:
         why = report.not_checked.get("duplicate")  # which is looked for wherever anything is
         said = f"Recording faults were not looked for: {why}." if why else "No recording faults found."
         return fit(said, line_width(), 2)
-    worst, n = report.findings[0], len({found.id for found in report.findings})
+    worst, n = report.lines[0], len({found.id for found in report.findings})
     count = f"{n:,} recordings are odd, most of all" if n > 1 else "1 recording is odd:"
-    return [*fit(f"{count} {short_id(worst.id)}: {worst.sentence}.", line_width(), 2), "  All: rpil check."]
+    who = short_id(worst.id) if worst.id != "" else "the set"
+    return [*fit(f"{count} {who}: {worst.sentence}.", line_width(), 2), "  All: rpil check."]
 
 
 def _columns(audit: Audit, shown: Sequence[int], all_rows: bool) -> dict[str, list[str]]:

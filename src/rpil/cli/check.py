@@ -17,11 +17,14 @@ from rpil.cli.options import (
     with_options,
 )
 from rpil.cli.terminal import show_stages
+from rpil.data.errors import DataError
 from rpil.data.text import MAX_IDS, listed, printable
 
 if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
+    from rpil.formats.recording import Recording
 
+FAIL_ON = "Exit with code 1 where one of these rules finds a fault, or one that is as bad as this, or any."
 MAX_FINDINGS = 30
 """Findings that are printed."""
 
@@ -40,7 +43,7 @@ MAX_FINDINGS = 30
     type=OutputFile(".csv", ".parquet", ".json"),
     help="Also write a row for each finding.",
 )
-@click.option("--fail-on", metavar="RULE[,RULE]|any", help="Exit with code 1 where one of these rules finds a fault.")
+@click.option("--fail-on", metavar="RULE[,RULE]|broken|suspect|any", help=FAIL_ON)
 @click.option("--fps", type=click.FloatRange(0, min_open=True), help="Frames a second, if the recording does not say.")
 @click.option("--video", is_flag=True, help="Also look at the videos of a folder of LeRobot; needs the extra video.")
 @format_option
@@ -62,13 +65,17 @@ def check(
         suppressed = read_expected(expected) if expected else {}
         # Missing values are findings, and damage alone is skipped.
         damage = replace(columns, skip_bad=columns.skip_bad and "damage", allow_missing=True)
-        read = commands.open_recording(file, damage, progress)
+        try:
+            read: Recording | str = commands.open_recording(file, damage, progress)
+        except DataError:
+            read = file  # whose files alone are looked at then
         progress("checking the steps, and looking at the videos" if options["video"] else "checking")
         looks = {"fps": options["fps"], "video": options["video"]}
         report = find_faults(read, expected=suppressed, skip_bad=bool(columns.skip_bad), **looks)
         if output:
             report.write(output)
-    commands.tell_of_set_aside(read)
+    if not isinstance(read, str):
+        commands.tell_of_set_aside(read)
     if form == "json":
         click.echo(terminal.to_json(report.to_dict(), "check"))
     elif form == "text":
@@ -76,16 +83,33 @@ def check(
     else:
         from rpil.cli import exchange
 
-        click.echo(exchange.written(form, exchange.of_faults(report.findings), file, "rpil check", report.headline))
+        found = exchange.of_faults(report.lines, None if isinstance(read, str) else read)
+        click.echo(exchange.written(form, found, file, "rpil check", report.headline))
     return int(bool(fatal & set(report.counts)))
 
 
 def _rules(fail_on: str | None) -> set[str]:
     """The rules that --fail-on names."""
     from rpil.faults.report import RULES, rule_name
+    from rpil.faults.rule import GRADES
 
-    words = [word for word in (fail_on or "").split(",") if word.strip()]
-    return set(RULES) if "any" in words else {rule_name(word, "--fail-on") for word in words}
+    rules: set[str] = set()
+    for word in (word.strip() for word in (fail_on or "").split(",") if word.strip()):
+        grades = GRADES if word == "any" else GRADES[: GRADES.index(word) + 1] if word in GRADES else ()
+        rules |= {name for name, rule in RULES.items() if rule.grade in grades} or {rule_name(word, "--fail-on")}
+    return rules
+
+
+def print_set(recording: Recording, file: str, form: str) -> None:
+    """Print the set in one table."""
+    from rpil.faults.checking import check as find_faults
+    from rpil.faults.set_table import set_table
+
+    found = set_table(recording, find_faults(recording), file)
+    if form == "json":
+        click.echo(terminal.to_json(found.to_dict(), "set"))
+    else:
+        click.echo("\n".join(found.lines()))
 
 
 def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str]:
@@ -96,12 +120,12 @@ def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str
     counts = sorted(report.counts.items(), key=lambda item: -item[1])
     if n:
         lines += ["", *(f"  {k:>6,}  {NUMBERS[rule]}  {rule}" for rule, k in counts)]
-    if shown := report.findings[:n_findings]:
+    if shown := report.lines[:n_findings]:
         width = max(len(printable(fault.id)) for fault in shown)
         lines += ["", "The worst first:" if n > 1 else "It is:"]
         lines += [f"  {printable(f.id) or '-':<{width}}  {f.rule}: {terminal.to_one_line(f.sentence)}" for f in shown]
-    if n > len(shown):
-        lines.append(f"  ... and {n - len(shown):,} more; --format json prints all")
+    if len(report.lines) > len(shown):
+        lines.append(f"  ... and {len(report.lines) - len(shown):,} more; --format json prints all")
     if report.set_aside:
         lines += ["", f"Set aside, because values are missing: {listed(report.set_aside, MAX_IDS, ', ')}."]
     if report.n_expected:

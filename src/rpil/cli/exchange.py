@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
 
+import numpy as np
+
 from rpil.cli.terminal import to_json, to_one_line
 from rpil.data.archive import rpil_version
 from rpil.data.text import counted, printable
@@ -18,25 +20,47 @@ from rpil.faults.report import NUMBERS, OF_AUDIT, RULE_NAMES, RULES
 
 if TYPE_CHECKING:
     from rpil.faults.rule import Fault
+    from rpil.formats.recording import Recording
     from rpil.results.record import Audit
 
 MAX_TABLE_ROWS = 100
 """Findings in a table of Markdown: a comment on GitHub may have 65,536 characters."""
 
+SARIF_LEVELS = {"broken": "error", "suspect": "warning", "odd": "note"}
+"""Of SARIF, by the grade of a rule."""
+
 RULES_PAGE = "https://github.com/rpil/rpil/blob/main/docs/teams.md"
 
 
 class NumberedFinding(NamedTuple):
-    """The number of its rule, the demonstration or the part of a folder, and what is seen."""
+    """The number of its rule, the demonstration or the part of a folder, what is seen, and in which line of a file."""
 
     number: str
     place: str
     sentence: str
+    line: int = 1
 
 
-def of_faults(faults: Iterable[Fault]) -> list[NumberedFinding]:
-    """Findings in recordings, their folder and videos."""
-    return [NumberedFinding(NUMBERS[one.rule], printable(one.id) or "the folder", one.sentence) for one in faults]
+def of_faults(faults: Iterable[Fault], recording: Recording | None = None) -> list[NumberedFinding]:
+    """Findings in recordings, their folder and videos; with the line of a text file of which the recording is."""
+    found = []
+    for one in faults:
+        place = printable(one.id) or ("the set" if one.ids else "the folder")
+        line = _line(recording, one) if recording else 1
+        found.append(NumberedFinding(NUMBERS[one.rule], place, one.sentence, line))
+    return found
+
+
+def _line(recording: Recording, fault: Fault) -> int:
+    """The line of a text file at which a fault begins; 1 of other files."""
+    from rpil.formats.dialect import TEXT_SUFFIXES
+    from rpil.formats.json_lines import JSON_SUFFIXES
+
+    source, name = recording.description.source.lower(), fault.ids[0] if fault.ids else fault.id
+    if name not in recording.ids or not source.endswith((*TEXT_SUFFIXES, *JSON_SUFFIXES)):
+        return 1
+    row = recording.steps.offsets[[*recording.ids].index(name)] + fault.first
+    return int(recording.steps.numbers(np.array([row]))[0]) + 1 + source.endswith(TEXT_SUFFIXES)
 
 
 def of_audit(audit: Audit) -> list[NumberedFinding]:
@@ -60,7 +84,7 @@ def sarif(found: Sequence[NumberedFinding], source: str) -> dict[str, object]:
     """The findings in the data at `source` as SARIF 2.1.0.
 
     Code scanning tells results apart by their fingerprints, here of the rule, the demonstration, and how many came
-    before of both, as there are no lines. What a model says is a note, and what rules find a warning.
+    before of both. What a model says is a note, and what rules find an error, a warning or a note, by their grade.
     """
     numbers = sorted({one.number for one in found})
     rules = []
@@ -68,7 +92,7 @@ def sarif(found: Sequence[NumberedFinding], source: str) -> dict[str, object]:
         words = OF_AUDIT.get(name) or RULES[name].words
         about = {"name": name.title().replace(" ", ""), "shortDescription": {"text": words}}
         rules.append({"id": number, **about, "helpUri": f"{RULES_PAGE}#numbered-rules"})
-    file = {"artifactLocation": {"uri": _address(source)}, "region": {"startLine": 1}}
+    file = {"artifactLocation": {"uri": _address(source)}}
     seen, results = Counter[tuple[str, str]](), []
     for one in found:
         mark = *one[:2], seen[one[:2]]
@@ -76,9 +100,14 @@ def sarif(found: Sequence[NumberedFinding], source: str) -> dict[str, object]:
         result = {
             "ruleId": one.number,
             "ruleIndex": numbers.index(one.number),
-            "level": "note" if RULE_NAMES[one.number] in OF_AUDIT else "warning",
+            "level": SARIF_LEVELS[RULES[name].grade] if (name := RULE_NAMES[one.number]) in RULES else "note",
             "message": {"text": f"{one.place}: {to_one_line(one.sentence)}"},
-            "locations": [{"physicalLocation": file, "logicalLocations": [{"name": one.place}]}],
+            "locations": [
+                {
+                    "physicalLocation": file | {"region": {"startLine": one.line}},
+                    "logicalLocations": [{"name": one.place}],
+                }
+            ],
             "partialFingerprints": {"primaryLocationLineHash": hashlib.sha256(repr(mark).encode()).hexdigest()},
         }
         results.append(result)

@@ -11,7 +11,7 @@ import click
 
 from rpil.cli import commands, terminal
 from rpil.cli.audit import audit, closing_lines, finding_lines, verdict_sentence
-from rpil.cli.check import check
+from rpil.cli.check import check, print_set
 from rpil.cli.label import label, review
 from rpil.cli.options import (
     CHOICE_OPTIONS,
@@ -53,6 +53,8 @@ def main(ctx: click.Context, /) -> None:
         click.echo(ctx.get_help())
 
 
+SET = "The set in one table, in Markdown: how each action moves, and what a trainer will stumble over."
+
 for command in (audit, check, label, review):
     main.add_command(command)
 
@@ -62,14 +64,18 @@ for command in (audit, check, label, review):
 @click.option(
     "--format", "form", type=click.Choice(("text", "json")), default="text", show_default=True, help="What to print."
 )
+@click.option("--set", "table", is_flag=True, help=SET)
 @outcome_option
 @session_option
 @with_options(*COLUMN_OPTIONS)
 @click.pass_context
-def info(ctx: click.Context, /, file: str, form: str, **options: Any) -> None:
+def info(ctx: click.Context, /, file: str, form: str, table: bool, **options: Any) -> None:
     """Print how a file is read: demonstrations, observations, actions, and what is ignored and why."""
     columns = pop_columns(options, guess=True)
     recording = commands.open_recording(file, columns, lambda _: None)
+    if table:
+        print_set(recording, file, form)
+        return
     if form == "json":
         click.echo(terminal.to_json(recording.description.to_dict()))
     else:

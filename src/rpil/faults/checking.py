@@ -6,7 +6,9 @@ import itertools
 import os
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import Unpack, cast
 
 import numpy as np
@@ -15,7 +17,9 @@ from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations, DemonstrationSet
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
+from rpil.data.guard import guarded
 from rpil.faults import recorded, settings
+from rpil.faults.conventions import ConstantAction
 from rpil.faults.measured_columns import MovingBlock, column_labels, set_aside
 from rpil.faults.report import ALL, RULES, FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Learned, Measure, Measurements
@@ -26,6 +30,7 @@ from rpil.formats.dataset import Dataset
 from rpil.formats.format import Frame
 from rpil.formats.metadata import Times
 from rpil.formats.recording import Recording
+from rpil.formats.registry import find_format
 from rpil.numerics.types import Array, Bool
 
 COMPARING = [rule for rule in RULES.values() if issubclass(rule, ComparingRule)]
@@ -73,7 +78,12 @@ def check(
     is_open = isinstance(data, Recording | Demonstrations | Dataset) and options == ColumnOptions()
     if skip_bad and isinstance(data, str | os.PathLike):
         options = replace(options, skip_bad="damage")
-    recording = cast("Recording | Demonstrations | Dataset", data) if is_open else opened(data, options)
+    try:
+        recording = cast("Recording | Demonstrations | Dataset", data) if is_open else opened(data, options)
+    except DataError as error:
+        if found := files_alone(data):
+            return FaultReport(found, dict.fromkeys(RULES.keys() - {found[0].rule}, str(error)), {}, {}, {}, 0, 0)
+        raise
     times = _times_of(recording, times, fps)
     demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording
     if isinstance(demonstrations, Dataset):
@@ -81,29 +91,48 @@ def check(
     beside, why = _check_files(recording, demonstrations, video)
     if isinstance(recording, Recording) and recording.options.segment is not None:
         why[Length.name] = "--segment ends demonstrations by the clock"
-    report = _check_steps(demonstrations, times, skip_bad, why)
+    tasks = recording.tasks if isinstance(recording, Recording) else {}
+    report = _check_steps(demonstrations, times, skip_bad, why, tasks)
     if recorded.TIMESTAMPS not in {found.rule for found in beside}:
         beside += recorded.find_other_rate(times, demonstrations)
     every, known = (*report.findings, *beside), expected or {}
     findings = tuple(found for found in every if not {str(found.id), ALL} & {*known.get(found.rule, ())})
-    return replace(report, findings=findings, n_expected=len(every) - len(findings))
+    ids = tuple(demonstrations.ids)
+    return replace(report, findings=findings, n_expected=len(every) - len(findings), ids=ids, tasks=tasks)
+
+
+def files_alone(data: object) -> tuple[Fault, ...]:
+    """Which of the files that a recording names are not sound, where its steps cannot be read."""
+    if not isinstance(data, str | os.PathLike) or not Path(data).exists():
+        return ()
+    if (claimed := find_format(data)) is None or claimed.find_defects is None:
+        return ()
+    with suppress(DataError), guarded(str(data)):
+        found = claimed.find_defects(Path(data), False)
+        return tuple(recorded.fault_of(one) for one in found if one.what == "named files")
+    return ()
 
 
 def _check_files(
     recording: Recording | Demonstrations | Dataset, demonstrations: DemonstrationSet, video: bool
 ) -> tuple[list[Fault], dict[str, str]]:
     """What is found in the files beside the demonstrations, and the rules that need a look at videos, without one."""
-    if not isinstance(recording, Recording) or recording.find_defects is None:
-        if video:
-            raise DataError(f"{demonstrations.source}: <option> is for folders of LeRobot; leave it out.", ("video",))
+    read = recording if isinstance(recording, Recording) and recording.find_defects else None
+    if video and not (read and read.description.format.startswith("LeRobot")):
+        raise DataError(f"{demonstrations.source}: <option> is for folders of LeRobot; leave it out.", ("video",))
+    if read is None or read.find_defects is None:
         return [], {}
-    unseen = [] if video or not recording.origin.metadata.videos else [rule.name for rule in recorded.BY_LOOKING]
-    found = recorded.find_beside(recording.find_defects(video), demonstrations)
+    unseen = [] if video or not read.origin.metadata.videos else [rule.name for rule in recorded.BY_LOOKING]
+    found = recorded.find_beside(read.find_defects(video), demonstrations)
     return found, dict.fromkeys(unseen, "videos are looked at with --video, or video=True")
 
 
 def _check_steps(
-    demonstrations: Demonstrations | Dataset, times: Times, skip_bad: bool, why: dict[str, str]
+    demonstrations: Demonstrations | Dataset,
+    times: Times,
+    skip_bad: bool,
+    why: dict[str, str],
+    tasks: Mapping[str, str],
 ) -> FaultReport:
     """The faults in the steps of the demonstrations; `why` tells which rules are not to be applied, and gets more."""
     seconds = 1.0 / times.fps if times.fps else recorded.recorded_time(times, demonstrations)
@@ -124,13 +153,14 @@ def _check_steps(
         why |= dict.fromkeys((Duplicate.name, *(rule.name for rule in COMPARING)), reason)
     else:
         ids = tuple(name for name, keep in zip(demonstrations.ids, kept, strict=True) if keep)
-        data = Measurements(learned, measured, ids, demonstrations.lengths[kept], seconds)
+        data = Measurements(learned, measured, ids, demonstrations.lengths[kept], seconds, tasks)
         lacking = {rule.name: [*filter(None, map(data.lacking.get, rule.needs))] for rule in COMPARING}
         why |= {name: reasons[0] for name, reasons in lacking.items() if reasons}
         applied = [rule(data) for rule in COMPARING if rule.name not in why]
         why |= {rule.name: rule.unknown for rule in applied if rule.silent == rule.names != ()}
         unknown = {rule.name: rule.silent for rule in applied if rule.silent and rule.name not in why}
         findings += itertools.chain(Duplicate.find(data), *(rule.findings() for rule in applied))
+        findings += ConstantAction.find(demonstrations, learned)
         usual = {rule.name: rule.usual() for rule in applied if isinstance(rule, OtherLag) and rule.name not in why}
         usual |= {recorded.DroppedFrames.name: f"a frame every {1e3 * seconds:.4g} ms"} if seconds else {}
         idle_ends = trims(data)
@@ -178,12 +208,12 @@ def _measure(
 
 
 def without_consequences(findings: Iterable[Fault]) -> list[Fault]:
-    """The worst finding of each rule and demonstration, without those that follow from another finding in it, which
-    itself follows from none."""
-    worst: dict[tuple[str, Id], Fault] = {}
+    """The worst finding of each rule and demonstration, or of each column of the set, without those that follow from
+    another finding in it, which itself follows from none."""
+    worst: dict[tuple[str, Id, str], Fault] = {}
     of_id: dict[Id, list[Fault]] = defaultdict(list)
-    for fault in sorted(findings, key=lambda fault: -fault.severity):
-        if worst.setdefault((fault.rule, fault.id), fault) is fault:
+    for fault in sorted(findings, key=lambda fault: fault.order):
+        if worst.setdefault((fault.rule, fault.id, fault.column if fault.id == "" else ""), fault) is fault:
             of_id[fault.id].append(fault)
 
     def stands(fault: Fault) -> bool:

@@ -36,11 +36,9 @@ class Pair:
         return float(np.abs(self.usual).max())
 
 
-def find_lag(
-    sample: MovingBlock, max_lag: int
-) -> tuple[tuple[Pair, ...], tuple[Int[Array, " A"], Int[Array, " S"]], Int[Array, " C"]]:
-    """The state column that is best aligned with each action that has one, the most correlated pair first; the
-    numbers of all actions and states, those most correlated with a state, or an action, first; and the partners.
+def find_lag(sample: MovingBlock, max_lag: int) -> tuple[tuple[Pair, ...], Int[Array, " C"]]:
+    """The state column that is best aligned with each action that has one, the most correlated pair first; and the
+    partner of each column.
 
     The longest memory with which there is one tells the lag best. Of many states, those are looked at whose changes are
     most correlated with the action or its changes.
@@ -48,7 +46,7 @@ def find_lag(
     is_action = sample.columns.is_action
     action, state, partner = np.flatnonzero(is_action), np.flatnonzero(~is_action), np.full(len(is_action), -1)
     if not len(action) or not len(state):
-        return (), (action, state), partner
+        return (), partner
     related, pairs = _related(sample, action, state, max_lag), []
     for row, own in zip(related, action.tolist(), strict=True):
         near = state[np.sort(np.argsort(-row, kind="stable")[: settings.MAX_PARTNERS])]
@@ -60,10 +58,9 @@ def find_lag(
     pairs.sort(key=lambda pair: -pair.correlation)
     if pairs and abs(pairs[0].lag) == max_lag == settings.MAX_LAG:  # it may be longer than what was looked at
         return find_lag(sample, 2 * max_lag)
-    first_action, first_state = (np.argsort(-related.max(axis=axis), kind="stable") for axis in (1, 0))
     for some, other, of_own in ((action, state, related), (state, action, related.T)):
         partner[some] = np.where(of_own.max(axis=1) >= settings.LEAST_RELATED, other[of_own.argmax(axis=1)], -1)
-    return tuple(pairs), (action[first_action], state[first_state]), partner
+    return tuple(pairs), partner
 
 
 def _related(
@@ -93,24 +90,28 @@ def _best_pair(sample: MovingBlock, action: int, state: Int[Array, " S"], order:
     return max(candidates, key=lambda pair: pair.correlation)
 
 
-def shifts(block: MovingBlock, pairs: tuple[Pair, ...]) -> tuple[Int[Array, " M"], Float[Array, " M"]]:
-    """Steps by which the cross-correlations of each demonstration are shifted from the usual ones, and what that shift
-    adds to their agreement, relative to the agreement that is usual."""
+def shifts(block: MovingBlock, pairs: tuple[Pair, ...]) -> tuple[Array, Array, Float[Array, "M P"]]:
+    """Steps by which the cross-correlations of each demonstration are shifted from the usual ones, what that shift
+    adds to their agreement, relative to the agreement that is usual; and the correlation of each pair at its usual lag,
+    positive where it is of the usual sign."""
     offsets, n_demonstrations, largest = block.offsets, len(block.numbers), settings.MAX_SHIFT
+    signs = np.zeros((n_demonstrations, len(pairs)))
     if not pairs:
-        return np.zeros(n_demonstrations, dtype=np.int64), np.zeros(n_demonstrations)
+        return np.zeros(n_demonstrations, dtype=np.int64), np.zeros(n_demonstrations), signs
     agreement = np.zeros((n_demonstrations, 2 * largest + 1))
-    for pair in pairs:
+    for p, pair in enumerate(pairs):
         driver = whitened(block.values[pair.action], pair.memory, offsets)
         response = whitened((block.change if pair.of_change else block.values)[pair.state], pair.memory, offsets)
         own = _own_correlations(driver, response, offsets, len(pair.usual) // 2)
+        at = int(np.argmax(np.abs(pair.usual)))
+        signs[:, p] = own[:, at] * np.sign(pair.usual[at])
         middle = pair.usual[largest:-largest]
         for k in range(2 * largest + 1):
             agreement[:, k] += own[:, k : k + len(middle)] @ middle
     usual = sum(float(pair.usual[largest:-largest] @ pair.usual[largest:-largest]) for pair in pairs)
     best = np.argmax(agreement, axis=1)
     gain = (agreement[np.arange(n_demonstrations), best] - agreement[:, largest]) / max(usual, 1e-12)
-    return best - largest, gain
+    return best - largest, gain, signs
 
 
 def centred(values: Float[Array, "... T"], offsets: Int[Array, " _"]) -> Float[Array, "... T"]:

@@ -36,6 +36,8 @@ class MeasuredColumns:
     """Share of the steps in motion in which the column changes."""
     memory: Float[Array, " C"]
     """Rank correlation of the values of steps with those of the steps before."""
+    noise: Float[Array, " C"] = field(default_factory=lambda: np.zeros(0))
+    """Standard deviation of its noise, by its third differences, to which smooth motion adds little."""
     motion: float = 1.0
     """Median motion of the steps, see `motion_of`, of those that have any."""
     quaternions: Mapping[int, Float[Array, " 4"]] = field(default_factory=dict)
@@ -74,17 +76,28 @@ class MovingBlock:
     largest: Float[Array, "M C"]  # of the sizes
     motion: Float[Array, " T"]  # `MeasuredColumns.motion_of`
     moves: Bool[Array, " T"]  # whether a step is not idle
+    turn: Float[Array, " C"]  # of an angle that wraps, 0 of others
+    leaps: Int[Array, "M C"]  # by a turn
 
     @classmethod
     def of(cls, block: Block, numbers: Int[Array, " M"], columns: MeasuredColumns) -> MovingBlock:
-        """The columns that are compared, of a block."""
+        """The columns that are compared, of a block; angles that wrap go on beyond a turn."""
         values = columns.of(block)
         change = changes(values, block.offsets)
         size = np.abs(change)
+        turn, leaps = np.zeros(len(values)), np.zeros((len(numbers), len(values)), dtype=int)
+        for c in range(len(values)):
+            if turn_of := _turn(values[c], change[c], size[c]):
+                turn[c], leap = turn_of, np.rint(change[c] / turn_of)
+                leaps[:, c] = np.add.reduceat(leap != 0, block.offsets[:-1])
+                change[c] -= turn_of * leap
+                size[c] = np.abs(change[c])
+                turned = np.add.accumulate(leap)
+                values[c] -= turn_of * (turned - np.repeat(turned[block.offsets[:-1]], np.diff(block.offsets)))
         largest = np.maximum.reduceat(size, block.offsets[:-1], axis=1).T
         motion = columns.motion_of(size)
         moves = motion > settings.IDLE_MOTION * columns.motion
-        return cls(block, numbers, block.offsets, columns, values, change, size, largest, motion, moves)
+        return cls(block, numbers, block.offsets, columns, values, change, size, largest, motion, moves, turn, leaps)
 
 
 def column_labels(demonstrations: Demonstrations | Dataset) -> tuple[str, ...]:
@@ -135,7 +148,7 @@ def not_recorded(ranges: Float[Array, "M C"], zeros: Float[Array, "M C"]) -> Boo
     n_others = np.maximum((~absent).sum(axis=0), 1)
     moving, resting = (np.where(absent, 0.0, x).sum(axis=0) / n_others for x in (ranges > 0, zeros))
     absent &= (
-        (absent.mean(axis=0) <= settings.MOST_ABSENT)
+        (absent.mean(axis=0) <= settings.MOST_ZERO)
         & (moving > settings.MOST_ABSENT)
         & (resting <= settings.MOST_ABSENT)
     )
@@ -173,7 +186,11 @@ def learn_columns(sample: Block, numbers: Int[Array, " M"], labels: tuple[str, .
     moving = MovingBlock.of(sample, numbers, columns)
     scale = np.array([_median_or_one(moved[moved > 0]) for moved in moving.size])
     off = np.median(np.abs(moving.values - np.median(moving.values, axis=1, keepdims=True)), axis=1)
-    columns = replace(columns, scale=scale, spread=np.where(off > 0, off / 0.6745, moving.values.std(axis=1)))
+    third = np.abs(np.diff(moving.values, n=3, axis=1)) if moving.values.shape[1] > 3 else moving.size
+    noise = np.median(third, axis=1) / settings.THIRD_DIFFERENCE
+    columns = replace(
+        columns, scale=scale, noise=noise, spread=np.where(off > 0, off / 0.6745, moving.values.std(axis=1))
+    )
     motion = columns.motion_of(moving.size)
     moving = MovingBlock.of(sample, numbers, replace(columns, motion=_median_or_one(motion[motion > 0])))
     share = (moving.size > 0)[:, moving.moves].mean(axis=1) if moving.moves.any() else ones
@@ -189,6 +206,21 @@ def _memory(sample: MovingBlock) -> Float[Array, " C"]:
     return np.asarray(
         (ranks[:, later] * ranks[:, later - 1]).mean(axis=1) / np.maximum((ranks**2).mean(axis=1), 1e-300)
     )
+
+
+def _turn(values: Float[Array, " T"], change: Float[Array, " T"], size: Float[Array, " T"]) -> float:
+    """By how much an angle that wraps leaps: its values fill a turn at most, it changes little or by a turn, and came
+    nearer to where it leaps; 0 where it does not wrap."""
+    top, span = float(size.max(initial=0.0)), float(np.ptp(values)) if len(values) else 0.0
+    for turn in settings.TURNS:
+        if settings.NEAR_TURN * turn <= top <= span <= settings.WITHIN_TURN * turn:
+            leaps = np.flatnonzero(size >= settings.NEAR_TURN * turn)
+            before = values[leaps - 1] - values[np.maximum(leaps - settings.APPROACH, 0)]
+            before = np.where(np.abs(before) > turn / 2, change[leaps], before)  # it leapt just before
+            comes = (before * change[leaps] < 0).mean() >= settings.MOST_APPROACH
+            if comes and not ((size > (1 - settings.NEAR_TURN) * turn) & (size < settings.NEAR_TURN * turn)).any():
+                return float(turn)
+    return 0.0
 
 
 def _signs(block: Block, first: int, towards: Array) -> Float[Array, " T"]:

@@ -1,23 +1,15 @@
-"""The rules about how columns move: what leaps, stays the same, repeats, or has another scale."""
+"""The rules about how columns move: what leaps, wraps, repeats, or has another scale."""
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from rpil.data.text import moment
+from rpil.data.text import counted, moment
 from rpil.faults import settings
-from rpil.faults.measured_columns import MovingBlock, means, not_recorded, ranges_and_zeros
+from rpil.faults.measured_columns import MovingBlock, means
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
-from rpil.numerics.types import Array, Bool, Float, Int, Shaped
-
-
-def few(n_demonstrations: int) -> float:
-    """Demonstrations that may have a fault of some kinds; what more have is usual."""
-    return min(
-        max(settings.FEW, math.ceil(settings.FEW_SHARE * n_demonstrations)), settings.MOST_FEW * n_demonstrations
-    )
+from rpil.faults.still import first_largest, largest, next_largest, runs_of
+from rpil.numerics.types import Array
 
 
 class Leap(ComparingRule):
@@ -29,9 +21,14 @@ class Leap(ComparingRule):
         columns = self.columns
         size, self.first, self.last, most = self.measured[:4]
         self.names = columns.names
-        least = settings.CHANGE_FACTOR * np.quantile(most, 0.75, axis=0, method="lower")
-        least = np.maximum(least, settings.SMALLEST_LEAP * columns.spread)
+        smallest, moved = settings.SMALLEST_LEAP * columns.spread, np.where(most > 0, most, np.nan)
+        moved[:, np.isnan(moved).all(axis=0)] = 0.0
+        large = np.quantile(most, 0.75, axis=0, method="lower"), np.nanmedian(moved, axis=0)
+        least, usual = (np.maximum(settings.CHANGE_FACTOR * of, smallest) for of in large)
         limit = np.maximum(self.fence(size, settings.LEAP_FACTOR, settings.SMALLEST_SHARE * least), least)
+        # Leaps that many have make their quartile large, and are far larger than the next of each.
+        apart = settings.NEXT_LEAP * (np.quantile(self.measured[-1], 0.75, axis=0) + usual)
+        limit = np.where((size > apart).mean(axis=0) >= settings.MOST_FEW, np.minimum(limit, apart), limit)
         is_known = (columns.moving >= settings.MOVING_SHARE) & (columns.memory >= settings.LEAST_MEMORY)
         return above(size, np.where(is_known, limit, np.inf) * self.pace)
 
@@ -55,13 +52,14 @@ class Spike(Leap):
         np.minimum(size[:, 1:-1], size[:, 2:], out=apart[:, 1:-1])
         apart[:, 1:-1] *= change[:, 1:-1] * change[:, 2:] < 0
         apart[:, 1:-1] -= np.maximum(size[:, :-2], after)
-        spike, step = largest(np.maximum(apart, 0.0), block.offsets)
-        return spike, step, step, block.largest
+        apart = np.maximum(apart, 0.0)
+        spike, step = largest(apart, block.offsets)
+        return spike, step, step, block.largest, next_largest(apart, step, block.offsets)
 
 
 class Jump(Leap):
     name, words = "jump", "a column jumps from one step to the next and stays there"
-    causes = ("length", "frozen sensor", "frozen action", "saturation")
+    causes = ("length", "frozen sensor", "frozen action", "saturation", "two episodes")
     sentence = "{column} jumps by {value:.3g} at {last} (usual: up to {threshold:.3g})"
 
     @staticmethod
@@ -74,9 +72,11 @@ class Jump(Leap):
         jump = np.where(2.0 * around < size, size - around, 0.0)
         jump[:, offsets[:-1] + np.minimum(np.diff(offsets) - 1, 1)] = 0.0  # nothing tells how it moved before
         jump[:, offsets[1:] - 1] = 0.0
-        jump, step = largest(jump, offsets)
-        every, at = largest(Jump.of_all(block)[None], offsets)
-        return jump, step - 1, step, block.largest, every, at
+        top, step = largest(jump, offsets)
+        every, at = largest(together := Jump.of_all(block)[None], offsets)
+        second = next_largest(together, at, offsets)
+        second[np.diff(offsets) < settings.LEAST_STEPS] = np.inf  # too few to have a next one
+        return top, step - 1, step, block.largest, every, at, second, next_largest(jump, step, offsets)
 
     @staticmethod
     def of_all(block: MovingBlock) -> Array:
@@ -90,16 +90,19 @@ class Jump(Leap):
         return np.asarray(apart)
 
     def compare(self) -> Compared:
-        of_columns, (every, at) = super().compare(), self.measured[4:]
+        of_columns, (every, at) = super().compare(), self.measured[4:6]
+        return self.with_all(of_columns, above(every, Jump.limit(self.measured) + np.log(self.pace)), at - 1, at)
+
+    @staticmethod
+    def limit(measured: tuple[Array, ...]) -> float:
+        """From where on a leap of all columns is none of those that all demonstrations have, or is far larger than the
+        next of each."""
+        every, _, second = measured[4:7]
         low, high = np.quantile(every, [0.25, 0.75])
-        limit = high + settings.FENCE * (high - low) + settings.LEAST_OF_ALL
-        of_all = above(every, limit + np.log(self.pace))
-        self.names += ("",)
-        self.first, self.last = np.hstack([self.first, at - 1]), np.hstack([self.last, at])
-        value, threshold, severity = (
-            np.hstack([one, np.broadcast_to(all_, every.shape)]) for one, all_ in zip(of_columns, of_all, strict=True)
+        usual = high + settings.FENCE * (high - low) + settings.LEAST_OF_ALL
+        return float(
+            min(usual, settings.NEXT_FACTOR * np.quantile(second, 0.75, method="lower") + settings.BEYOND_NEXT)
         )
-        return value, threshold, severity
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         if fault.column:
@@ -109,68 +112,9 @@ class Jump(Leap):
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
         """At the ends of frozen and saturated stretches."""
-        if cause.rule == "length":
+        if cause.rule in ("length", "two episodes"):
             return super().follows(fault, cause)
         return fault.column == cause.column and fault.last in (cause.first, cause.last + 1)
-
-
-class HeldValue(ComparingRule):
-    """One value for long, while others move."""
-
-    sentence = "{column} stays at {at} for {long} from {first} while others move (usual: up to {most})"
-    causes = ("length", "idle tail")
-    kinds: tuple[bool, ...] = (False, True)
-    """Whether the columns that the rule is about are actions."""
-    is_extreme = False
-
-    @staticmethod
-    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """Of the run of one value that has most steps in motion: the number of these, its first step, its length and
-        the value; and the lowest and the highest value. What rests with its partner, as a hand that is closed, does
-        not stand still while others move: steps count in which the partner changes."""
-        values, offsets, changed, partner = block.values, block.offsets, block.size > 0, block.columns.partner
-        counts = block.moves & np.where(partner[:, None] < 0, True, changed[partner])
-        still, first, length = longest_runs(changed, counts, offsets)
-        low, high = (of.reduceat(values, offsets[:-1], axis=1).T for of in (np.minimum, np.maximum))
-        return still, first, length, values[np.arange(len(values)), first + offsets[:-1, None]], low, high
-
-    def compare(self) -> Compared:
-        chosen = np.isin(self.columns.is_action, self.kinds)
-        self.names = tuple(np.array(self.columns.names)[chosen].tolist())
-        still, self.first, length, self.at, low, high = (of_each[:, chosen] for of_each in self.measured)
-        self.last = self.first + length - 1
-        limit = np.maximum(self.fence(still, settings.FROZEN_FACTOR, settings.SMALLEST_RUN), settings.MIN_FROZEN)
-        is_extreme = (self.at == low.min(axis=0)) | (self.at == high.max(axis=0))
-        is_own = (is_extreme == self.is_extreme) & (self.first > 0)  # what has not been touched yet rests
-        value = np.where(is_own, still, 0)
-        moving, partner = self.columns.moving, self.columns.partner
-        moving = np.where(partner < 0, moving, moving[partner])[chosen]
-        return above(value, np.where(moving >= settings.MOVING_SHARE, limit, np.inf))
-
-    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        return super().say(fault, m, c, at=f"{self.at[m, c]:.4g}")
-
-    @classmethod
-    def follows(cls, fault: Fault, cause: Fault) -> bool:
-        """What is held until the end is a part of an idle tail, whose sensors have noise."""
-        return fault.last == cause.last if cause.rule == "idle tail" else super().follows(fault, cause)
-
-
-class FrozenSensor(HeldValue):
-    name, words = "frozen sensor", "an observation stays the same for long while others change"
-    needs = "observations", "several"
-    kinds = (False,)
-
-
-class FrozenAction(HeldValue):
-    name, words = "frozen action", "an action stays the same for long while others change"
-    needs = "actions", "several"
-    kinds = (True,)
-
-
-class Saturation(HeldValue):
-    name, words = "saturation", "a column stays at its lowest or highest value for long"
-    is_extreme = True
 
 
 class RepeatedFrames(ComparingRule):
@@ -183,23 +127,44 @@ class RepeatedFrames(ComparingRule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """Number of repeated rows between rows that move, and the first step and the length of the longest
-        repetition."""
-        columns, offsets = block.columns, block.offsets
-        changed: Array = np.any(block.size[~columns.is_action] > 0, axis=0)
-        moves = block.motion > settings.REPEAT_MOTION * columns.motion
+        repetition; then, of rows that repeat the action as well, the length of the longest and of the next repetition,
+        and the first step of the former."""
+        columns, offsets, actions = block.columns, block.offsets, block.block.actions
+        size = block.size[~columns.is_action]
+        changed: Array = np.any(size > 0, axis=0)
+        moves, least = block.motion, settings.REPEAT_MOTION * columns.motion
+        repeated, starts, bounds = RepeatedFrames.between(changed, moves > least, offsets)
+        longest = first_largest(repeated, bounds)
+        out = np.add.reduceat(repeated, bounds), starts[longest] + 1 - offsets[:-1], repeated[longest]
+        # A state that rests does not begin to move in the step in which the action changes, but after it.
+        acted = np.append(True, (np.diff(actions.reshape(len(actions), -1), axis=0) != 0).any(axis=1))
+        moved = np.minimum(size / columns.scale[~columns.is_action, None], 3.0).sum(axis=0) / max(len(size), 1)
+        repeated, starts, bounds = RepeatedFrames.between(
+            changed | acted, moved > settings.LEAST_MOTION * least, offsets
+        )
+        longest = first_largest(repeated, bounds)
+        most, first = repeated[longest], starts[longest] + 1 - offsets[:-1]
+        repeated[longest] = 0
+        return *out, most, np.maximum.reduceat(repeated, bounds), first
+
+    @staticmethod
+    def between(changed: Array, moves: Array, offsets: Array) -> tuple[Array, Array, Array]:
+        """Rows after the first of each run without a change, where it lies between rows that move, or else 0; where the
+        runs begin; and the number of the first run of each demonstration."""
         runs, starts, bounds = runs_of(changed[None], offsets)
         is_first = np.zeros(len(starts), dtype=bool)
         is_first[bounds] = True
         after = np.append(starts[1:], 0)
-        between = ~is_first & ~np.append(is_first[1:], True) & moves[starts] & moves[after]
-        repeated = np.where(between, runs - 1, 0)
-        longest = first_largest(repeated, bounds)
-        return np.add.reduceat(repeated, bounds), starts[longest] + 1 - offsets[:-1], repeated[longest]
+        inside = ~is_first & ~np.append(is_first[1:], True) & moves[starts] & moves[after]
+        return np.where(inside, runs - 1, 0), starts, bounds
 
     def compare(self) -> Compared:
-        repeats, self.first, length = self.measured
-        self.last = self.first + length - 1
-        return above(repeats, self.fence(repeats, 1.0, settings.SMALLEST_REPEAT))
+        repeats, first, length, most, second, at = self.measured
+        value, limit, severity = above(repeats, self.fence(repeats, 1.0, settings.SMALLEST_REPEAT))
+        whole = most >= max(settings.REPEATED_ROWS, settings.NEXT_FACTOR * np.quantile(second, 0.75))
+        self.first, self.last = np.where(whole, at, first), np.where(whole, at + most, first + length) - 1
+        severity = np.where(whole, np.fmax(severity, most / settings.SMALLEST_REPEAT), severity)
+        return np.where(whole, most, value), np.where(whole, 0, limit), severity
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         rows = "1 row repeats" if fault.value == 1 else f"{fault.value:,.0f} rows repeat"
@@ -246,69 +211,21 @@ class Scale(ComparingRule):
         return fault.value < 1
 
 
-class NeverMoves(ComparingRule):
-    """Columns that move in the others, about as far in each, and never in this one, which more than a few may have
-    where the columns are not recorded."""
+class Wraps(ComparingRule):
+    """Angles that leap by a turn; the other rules see them unwrapped."""
 
-    name, words = "never moves", "a column does not move, and in the others it does"
-    sentence = "{column} does not move, and in the others it does"
+    name, words, grade = "wraps", "an angle leaps by a turn where it wraps", "broken"
+    needs = ("columns",)
+    sentence = "{column} wraps: it leaps by {turn:.4g} {times}; unwrap it"
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """The range of each column, and the share of its steps in which it is 0."""
-        return ranges_and_zeros(block.values, block.offsets)
+        """Leaps of each column, and its turn."""
+        return block.leaps, block.turn * (block.leaps > 0)
 
     def compare(self) -> Compared:
-        ranges, zeros = self.measured
-        self.names, self.absent = self.columns.names, not_recorded(ranges, zeros)
-        usual = np.nanmedian(np.where(self.absent, np.nan, ranges), axis=0)
-        still = ranges <= settings.LEAST_RANGE * usual
-        low, high = np.where(still, np.inf, ranges).min(axis=0), ranges.max(axis=0)
-        are_few = still.sum(axis=0) <= few(len(still))
-        is_known = are_few & (low >= settings.STEADY_RANGE * usual) & (settings.STEADY_RANGE * high <= usual)
-        still &= (self.data.lengths > 1)[:, None]  # a single step says nothing of motion
-        value, threshold, severity = above(still, np.where(is_known & (usual > 0), 0.5, np.inf))
-        alike = still * np.minimum(low, high) / np.maximum(high, 1e-300)  # the more it moves so in all others
-        return value, threshold, np.where(self.absent, 1e6, severity) + alike
+        self.names, (leaps, _) = self.columns.names, self.measured
+        return leaps, 0, 2.0 * leaps
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        if self.absent[m, c]:
-            return f"these columns are not recorded here: {fault.column} is 0 in every step, and in the others it moves"
-        return super().say(fault, m, c)
-
-
-def largest(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Float[Array, "M C"], Int[Array, "M C"]]:
-    """The largest value of each demonstration, and the first step of the demonstration that has it."""
-    begins = np.arange(len(values))[:, None] * values.shape[1] + offsets[:-1]
-    place = first_largest(values.ravel(), begins.ravel()).reshape(begins.shape)
-    return values.ravel()[place].T, (place - begins).T
-
-
-def first_largest(values: Shaped[Array, " K"], begins: Int[Array, " P"]) -> Int[Array, " P"]:
-    """Where the largest value of each part is first; the parts follow one another."""
-    top = np.repeat(np.maximum.reduceat(values, begins), np.diff(begins, append=len(values)))
-    places = np.flatnonzero(values == top)
-    return np.asarray(places[np.searchsorted(places, begins)])
-
-
-def longest_runs(
-    changed: Bool[Array, "C T"], counts: Bool[Array, "C T"], offsets: Int[Array, " _"]
-) -> tuple[Int[Array, "M C"], Int[Array, "M C"], Int[Array, "M C"]]:
-    """The run without a change that has most steps that count, of each demonstration: the number of these steps, the
-    step at which the run begins, and its length."""
-    runs, starts, bounds = runs_of(changed, offsets)
-    counted = np.append(0, np.cumsum(counts))
-    # A run begins with the step that changed, and that step is not counted.
-    weight = counted[starts + runs] - counted[starts + 1]
-    run = first_largest(weight, bounds).reshape(len(changed), len(offsets) - 1).T
-    return weight[run], starts[run] % changed.shape[1] - offsets[:-1, None], runs[run]
-
-
-def runs_of(changed: Bool[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Array, Array, Array]:
-    """Lengths and first positions, in the flattened array, of all runs without a change; and the number of the first
-    run of each column and demonstration. A run ends with its demonstration."""
-    changed = changed.copy()
-    changed[:, offsets[:-1]] = True
-    starts = np.flatnonzero(changed)
-    first = np.arange(len(changed))[:, None] * changed.shape[1] + offsets[:-1]
-    return np.diff(starts, append=changed.size), starts, np.searchsorted(starts, first.ravel())
+        return super().say(fault, m, c, turn=self.measured[1][m, c], times=counted(int(fault.value), "time"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -14,15 +15,16 @@ from rpil.data.demonstrations import Block, DemonstrationSet
 from rpil.data.text import counted, listed, moment
 from rpil.faults import settings
 from rpil.faults.measured_columns import all_values
-from rpil.faults.motion import RepeatedFrames, few
+from rpil.faults.motion import RepeatedFrames
 from rpil.faults.rule import Fault, Rule
+from rpil.faults.still import few
 from rpil.formats.format import Defect
 from rpil.formats.metadata import Times, usual_step
 from rpil.numerics.types import Array, Float
 
 
 class MissingValues(Rule):
-    name, words = "missing values", "a value is NaN or infinite"
+    name, words, grade = "missing values", "a value is NaN or infinite", "broken"
 
     @classmethod
     def find(cls, block: Block, ids: tuple[Id, ...], labels: tuple[str, ...], seconds: float | None) -> Iterator[Fault]:
@@ -41,7 +43,7 @@ class MissingValues(Rule):
 
 
 class FrameCount(Rule):
-    name, words = "frame count", "it has more or fewer steps than the recording says"
+    name, words, grade = "frame count", "it has more or fewer steps than the recording says", "broken"
 
     @classmethod
     def find(cls, times: Times, demonstrations: DemonstrationSet) -> Iterator[Fault]:
@@ -136,7 +138,7 @@ def _find_rates(
 
 def _rules(words: Mapping[str, str]) -> tuple[type[Rule], ...]:
     """A rule for each name, with its words."""
-    fields = ({"name": name, "words": text} for name, text in words.items())
+    fields = ({"name": name, "words": text, "grade": "broken"} for name, text in words.items())
     return tuple(cast("type[Rule]", type("FolderRule", (Rule,), own)) for own in fields)
 
 
@@ -148,6 +150,8 @@ OF_FILES = _rules(
         "episode table": "the list of the episodes does not agree with the data",
         "statistics": "the statistics do not agree with the data, or are not there",
         "metadata": "a file of the folder cannot be understood",
+        "missing episodes": "numbers of episodes are missing",
+        "named files": "files that a column names are empty, or not there",
     }
 )
 OF_TIMES = _rules(
@@ -171,15 +175,20 @@ FOLDER_RULES = OF_FILES + OF_TIMES + BY_LOOKING
 
 def find_beside(defects: Iterable[Defect], demonstrations: DemonstrationSet) -> list[Fault]:
     """What formats found, each about the demonstration that it names, or about none."""
-    names = {str(name): m for m, name in enumerate(demonstrations.ids)}
-    light, found = {rule.name for rule in OF_FILES}, []
-    for one in defects:
-        m = names.get(one.place)
-        last = 0 if m is None else int(demonstrations.lengths[m]) - 1
-        sentence = f"{one.place}: {one.sentence}" if m is None else one.sentence
-        place = "" if m is None else demonstrations.ids[m], 0, last
-        found.append(Fault(one.what, *place, "", 1.0, 0.0, 1.0 if one.what in light else np.inf, sentence))
+    names, found = {str(name): m for m, name in enumerate(demonstrations.ids)}, []
+    for one, m in ((one, names.get(one.place)) for one in defects):
+        fault = fault_of(one)
+        if m is not None:
+            last = int(demonstrations.lengths[m]) - 1
+            fault = replace(fault, id=demonstrations.ids[m], last=last, sentence=one.sentence)
+        found.append(fault)
     return found
+
+
+def fault_of(one: Defect) -> Fault:
+    """What a format found, about no demonstration."""
+    severity = 1.0 if one.what in {rule.name for rule in OF_FILES} else np.inf
+    return Fault(one.what, "", 0, 0, "", 1.0, 0.0, severity, f"{one.place}: {one.sentence}")
 
 
 def find_other_rate(times: Times, demonstrations: DemonstrationSet) -> Iterator[Fault]:

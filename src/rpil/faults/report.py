@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from functools import cached_property
 
@@ -15,8 +15,8 @@ from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, read_json
 from rpil.data.text import counted, one_line, printable
-from rpil.faults import motion, recorded, whole_rules  # noqa: F401  their rules
-from rpil.faults.rule import Fault, Rule
+from rpil.faults import command_rules, conventions, motion, recorded, settings, still, whole_rules  # noqa: F401  their rules
+from rpil.faults.rule import Fault, Rule, in_words
 from rpil.formats import write_columns
 
 OF_AUDIT = {
@@ -32,9 +32,10 @@ OF_AUDIT = {
 _OF_RECORDINGS = (
     "missing values, frame count, dropped frames, repeated frames, frozen sensor, frozen action, saturation, spike, "
     "jump, scale, lag, sign, exchanged, offset, shifted action, reversed, frame rate, next state, two episodes, "
-    "never moves, idle head, idle tail, duplicate, length"
+    "never moves, idle head, idle tail, duplicate, length, action is state, wraps, pause, constant, "
+    "outside range, two conventions"
 )
-_OF_FOLDERS = "timestamps, totals, episode table, statistics, metadata"
+_OF_FOLDERS = "timestamps, totals, episode table, statistics, metadata, missing episodes, named files"
 _OF_VIDEOS = (
     "video file, video frames, frame times, black frames, frozen picture, repeated pictures, exchanged cameras, "
     "turned camera, video time, other video"
@@ -93,9 +94,33 @@ class FaultReport:
     n_steps: int
     set_aside: tuple[Id, ...] = ()
     n_expected: int = 0
+    ids: tuple[Id, ...] = ()
+    tasks: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "findings", tuple(sorted(self.findings, key=lambda found: -found.severity)))
+        object.__setattr__(self, "findings", tuple(sorted(self.findings, key=lambda found: found.order)))
+
+    @cached_property
+    def lines(self) -> tuple[Fault, ...]:
+        """The findings, the worst first; those of a rule in more than a quarter of the demonstrations are one, which
+        says in how many and in which."""
+        of_rule: dict[str, list[Fault]] = {}
+        for found in self.findings:
+            of_rule.setdefault(found.rule, []).append(found)
+        lines = []
+        for same in of_rule.values():
+            inside = [found for found in same if found.id != ""]
+            if len(inside) <= max(1, settings.MOST_FEW * self.n_demonstrations) or not self.ids:
+                lines += same
+                continue
+            worst, names = inside[0], {found.id for found in inside}
+            where = tuple(name for name in self.ids if name in names)
+            alike = len({found.column for found in inside}) == 1
+            worst_in = "" if alike else f", the worst in {printable(worst.id)}"
+            sentence = f"{in_words(where, self.ids, self.tasks)}{worst_in}: {worst.sentence}"
+            lines += [found for found in same if found.id == ""]
+            lines.append(replace(worst, id="", column=worst.column * alike, sentence=sentence, ids=where))
+        return tuple(sorted(lines, key=lambda found: found.order))
 
     @cached_property
     def counts(self) -> dict[str, int]:
@@ -111,16 +136,19 @@ class FaultReport:
 
     @property
     def odd(self) -> tuple[Id, ...]:
-        """Ids of the demonstrations in which something is found, the worst first."""
-        return tuple(dict.fromkeys(found.id for found in self.findings if found.id != ""))
+        """Ids of the demonstrations in which something is found that much of the set has not, the worst first."""
+        return tuple(dict.fromkeys(found.id for found in self.lines if found.id != ""))
 
     @property
     def headline(self) -> str:
         """How much is found, one sentence."""
         size = f"{counted(self.n_demonstrations, 'demonstration')} ({counted(self.n_steps, 'step')})"
-        n_other = sum(found.id == "" for found in self.findings)
-        said = f"{counted(len(self.findings) - n_other, 'recording fault')} found in {len(self.odd):,} of {size}"
-        if not self.odd:
+        n_other, n_found = (
+            sum(found.id == "" for found in self.findings),
+            len({found.id for found in self.findings} - {""}),
+        )
+        said = f"{counted(len(self.findings) - n_other, 'recording fault')} found in {n_found:,} of {size}"
+        if not n_found:
             why = self.not_checked.get("duplicate", "")  # which is looked for wherever anything is
             said = f"No recording faults {f'were looked for in {size}: {why}' if why else f'found in {size}'}"
         other = f"; {counted(n_other, 'recording fault')} of the whole set" * bool(n_other)
@@ -129,8 +157,12 @@ class FaultReport:
     def table(self) -> dict[str, list[object]]:
         """Columns with a row for each finding, the worst first: its number, and the fields of `Fault`; ids are text."""
         columns = {one.name: [getattr(found, one.name) for found in self.findings] for one in fields(Fault)}
-        numbers: list[object] = [NUMBERS[found.rule] for found in self.findings]
-        return {"number": numbers, **columns, "id": [str(name) for name in columns["id"]]}
+        named: dict[str, list[object]] = {
+            "number": [NUMBERS[found.rule] for found in self.findings],
+            "grade": [found.grade for found in self.findings],
+        }
+        texts = {"id": [str(found.id) for found in self.findings]}
+        return named | columns | texts | {"ids": [" ".join(map(str, found.ids)) for found in self.findings]}
 
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
         """A data frame of `table`; `backend` as in `rpil.Audit.to_frame`."""
@@ -147,7 +179,7 @@ class FaultReport:
         write_columns(path, self.table(), "findings")
 
     def __repr__(self) -> str:
-        shown = self.findings[:MAX_SHOWN]
+        shown = self.lines[:MAX_SHOWN]
         lines = [f"  {printable(one.id) or 'the folder'}: {one_line(one.sentence)}" for one in shown]
         more = [f"  ... and {len(self.findings) - len(lines):,} more"] * (len(self.findings) > len(lines))
         return "\n".join([self.headline, *lines, *more, *(["All: to_frame(); idle ends: trims."] if lines else [])])
@@ -159,6 +191,7 @@ class FaultReport:
             "steps": self.n_steps,
             "counts": dict(self.counts),
             "findings": [{"number": NUMBERS[found.rule]} | found.to_dict() for found in self.findings],
+            "lines": [{"number": NUMBERS[found.rule]} | found.to_dict() for found in self.lines],
             "trims": [{"id": name, "first": first, "end": end} for name, (first, end) in self.trims.items()],
             "usual": dict(self.usual),
             "not_checked": dict(self.not_checked),

@@ -7,8 +7,8 @@ measures of each demonstration, and how it compares what was measured.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -16,11 +16,11 @@ import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.text import counted, duration, moment
+from rpil.data.text import counted, duration, listed, moment, one_line, printable
 from rpil.faults import settings
 from rpil.faults.lag import Pair, find_lag
-from rpil.faults.maps import Namer, learn_maps
 from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, pilot
+from rpil.faults.tracking import Tracked, find_tracked
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Int
 
@@ -45,6 +45,8 @@ class Fault:
         How many times beyond the threshold; findings are sorted by it.
     sentence : str
         The finding in words, without the id of the demonstration.
+    ids : tuple of ids
+        The demonstrations concerned, where it is about several, and `id` is "".
     """
 
     rule: str
@@ -56,10 +58,43 @@ class Fault:
     threshold: float
     severity: float
     sentence: str
+    ids: tuple[Id, ...] = ()
+
+    @property
+    def grade(self) -> str:
+        """One of `GRADES`, of its rule."""
+        return Rule.named[self.rule].grade
+
+    @property
+    def order(self) -> tuple[int, float]:
+        """The worst kind first, and in it the most severe."""
+        return GRADES.index(self.grade), -self.severity
 
     def to_dict(self) -> dict[str, object]:
         """As plain numbers and text; an infinite severity as None."""
-        return asdict(self) | {"severity": self.severity if math.isfinite(self.severity) else None}
+        severity = self.severity if math.isfinite(self.severity) else None
+        return {"grade": self.grade} | asdict(self) | {"severity": severity, "ids": [*self.ids]}
+
+
+MAX_NAMED = 60
+"""Demonstrations that a finding about several names."""
+
+
+def in_words(names: Sequence[Id], every: Sequence[Id], tasks: Mapping[str, str]) -> str:
+    """How many of the demonstrations these are, and which: those of a task, the last ones, or by their ids."""
+    n, place = len(names), {name: m for m, name in enumerate(every)}
+    if n == len(every):
+        return f"all of {counted(n, 'demonstration')}"
+    rows = [place[name] for name in names]
+    those = {tasks.get(str(name), "") for name in names}
+    others = {tasks.get(str(name), "") for name in every if name not in {*names}}
+    said = f"{n:,} of {len(every):,} demonstrations"
+    if not those & others and len(those) == 1:
+        return f"{said}, those of the task {printable(min(those))!r}"
+    if rows[-1] - rows[0] == n - 1 and n > 1:
+        shown = f"from {names[0]} on" if rows[-1] == len(every) - 1 else f"{names[0]} to {names[-1]}"
+        return f"{said}, {one_line(shown)}"
+    return f"{said} ({listed(names, MAX_NAMED, ', ')})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,16 +103,23 @@ class Learned:
 
     columns: MeasuredColumns
     pairs: tuple[Pair, ...]
-    namer: Namer | None
+    tracked: Tracked
+    action_labels: tuple[str, ...]
 
     @classmethod
     def of(cls, demonstrations: Demonstrations | Dataset) -> Learned:
         """From demonstrations spread evenly over the data."""
-        sample = learn_columns(*pilot(demonstrations), column_labels(demonstrations))
-        pairs, most_related, partner = find_lag(sample, settings.MAX_LAG)
-        namer = learn_maps(sample, pairs, most_related, len(demonstrations))
-        return cls(replace(sample.columns, partner=partner), pairs, namer)
+        block, numbers = pilot(demonstrations)
+        labels = column_labels(demonstrations)
+        sample = learn_columns(block, numbers, labels)
+        pairs, partner = find_lag(sample, settings.MAX_LAG)
+        n = demonstrations.n_observations
+        columns = replace(sample.columns, partner=partner)
+        return cls(columns, pairs, find_tracked(sample), labels[n:])
 
+
+GRADES = "broken", "suspect", "odd"
+"""A trainer stops, or trains on nonsense; a recorder or a robot failed, perhaps; it is unlike the others."""
 
 Measure = Callable[[MovingBlock, Learned], tuple[Array, ...]]
 """Gives arrays (M, ...) of the M demonstrations of a block."""
@@ -92,6 +134,7 @@ class Measurements:
     ids: tuple[Id, ...]
     lengths: Int[Array, " M"]
     seconds: float | None  # between two frames, if that is known
+    tasks: Mapping[str, str] = field(default_factory=dict)  # by ids as text
 
     @cached_property
     def lacking(self) -> dict[str, str]:
@@ -102,7 +145,7 @@ class Measurements:
             "observations": (columns.is_action.all(), codes.format("observation")),
             "actions": (not columns.is_action.any(), codes.format("action")),
             "columns": (not columns.names, codes.format("observation or action")),
-            "map": (self.learned.namer is None, "no state corresponds to an action"),
+            "commands": (not len(self.learned.tracked.action), "no action is the command of a state"),
             "lag": (not self.learned.pairs, "no observation follows an action"),
             "several": (len(self.ids) < least, f"it takes {least} demonstrations to know what is usual"),
         }
@@ -120,6 +163,8 @@ class Rule:
     name: str
     words: str
     """What it finds."""
+    grade: str = "suspect"
+    """One of `GRADES`."""
     needs: tuple[str, ...] = ()
     """What must be there, keys of `Measurements.lacking`."""
     unknown = "demonstrations move too little, or differ too much in this, to know what is usual"
@@ -207,6 +252,18 @@ class ComparingRule(Rule):
             place = self.data.ids[m], int(self.first[m, c]), int(self.last[m, c]), self.names[c]
             fault = Fault(self.name, *place, value, threshold, worst, sentence="")
             yield replace(fault, sentence=self.say(fault, m, c) + also)
+
+    def with_all(self, of_columns: Compared, of_all: Compared, first: Array, last: Array) -> Compared:
+        """What was compared of the columns, and beside them, as one without a name, of all of them together."""
+        shape, self.names = (len(self.data.ids), 1), (*self.names, "")
+        self.first, self.last = (np.column_stack(each) for each in ((self.first, first), (self.last, last)))
+        value, threshold, severity = (
+            np.column_stack(
+                [np.broadcast_to(one, np.shape(of_columns[0])), np.broadcast_to(np.reshape(each, (-1, 1)), shape)]
+            )
+            for one, each in zip(of_columns, of_all, strict=True)
+        )
+        return value, threshold, severity
 
     def fence(self, values: Array, factor: float, least: Array | float) -> Array:
         """Where values (M, ...) of demonstrations begin to be unusual; infinite where they differ too much to tell.

@@ -29,6 +29,8 @@ SMALLEST_SHARE = 0.5  # * share of the smallest leap that is added to both quart
 CHANGE_FACTOR = 1.5  # * times the usual largest change of a demonstration that a leap has at least
 SMALLEST_LEAP = 0.1  # * standard deviations of the column that a leap has at least
 LEAST_OF_ALL = 0.15  # logarithm added to the fence of the change of all columns together
+NEXT_FACTOR, BEYOND_NEXT = 2.0, 0.35  # * times the usual second change of all columns together, and logarithm beyond
+NEXT_LEAP = 4.0  # times the usual second largest leap of a column and the smallest one
 MOVING_SHARE = 0.25  # * share of the steps in motion in which a column changes: what is touched leaps out of rest
 LEAST_MEMORY = 0.7  # rank correlation from step to step: below it a step says less than half about the next
 
@@ -40,12 +42,21 @@ FRAME_GAP = 0.5  # share of the time between two frames by which a time may be o
 OTHER_RATE = 0.01  # share by which frames a second may differ from those that are declared, or usual
 REPEAT_MOTION = 0.5  # motion, relative to the usual one, around a repeated frame: what moves does not stop for one step
 SMALLEST_REPEAT = 3.0  # repeated rows by which demonstrations do not differ
+LEAST_MOTION = 0.3  # share of that of the states around a row that repeats the action as well
+REPEATED_ROWS = 4  # rows that repeat states and actions while states move, and twice the usual second largest number
+PARTNER_MOVES = 1.0  # spreads that what goes with a column moves while that does not
+STILL_SHARE = 0.2  # share of a demonstration at whose end no observation changes while the action does
 IDLE_MOTION = 0.05  # motion, relative to the usual one, below which a step is idle
 MIN_IDLE = 10  # steps; shorter idle heads and tails are no fault
+LONG_IDLE, IDLE_SHARE = 16, (0.16, 0.16, 0.2)  # steps, and share of a demonstration, from which rest at its ends, and
+# between, is idle however usual
 SETTLING = 1.25  # times by which motion decays from the first to the last third of a tail of a controller that settles
 THIRD_DIFFERENCE = 3.016  # median size, .6745 sqrt(20), of that of noise of standard deviation 1: motion adds little
 NOISE_BAND = 5.0  # standard deviations of the noise of a state within which it is at rest
 LARGEST_BAND = 0.5  # spreads of a state: where rest may be farther apart, it does not tell rest from motion
+
+REST_STEPS = 8  # whose mean is compared with that of the next ones
+REST_SHARE = 0.01  # spreads that what rests may go in so many steps, beside its noise
 
 # Lags
 MAX_LAG = 20  # steps between action and state that are looked at, in both directions
@@ -54,28 +65,40 @@ MAX_SHIFT = 10  # steps by which a lag may differ from the usual one at most
 MEMORIES = 3, 1  # * steps that an action remembers, taken out before it is correlated: the first with a correlation
 MIN_CORRELATION = 0.3  # * of an action with the state, from which their lag is looked at
 SMALLEST_GAIN = 0.03  # * gain by a shift, relative to the usual agreement, by which clean ones do not differ
+OPPOSITE = 0.6  # share of the usual correlation, with the other sign, that an action of the other sign has
 LEAST_RELATED = 0.5  # correlation of an observation with an action from which on they go together
 
-# Maps
-MAP_COLUMNS = 16  # states, and actions, of the map between them, at most
-WIDTH = 3  # steps of a window
-FLOOR = 1e-7  # added to mean squares, of columns of variance 1: rounding of 32-bit numbers
-MAP_ROWS = 128  # windows of a demonstration that are looked at
-MAP_FOLDS = 5  # parts of the demonstrations, each judged by maps of the others
-MAP_RIDGE = 1e-4  # penalty of least squares, of variance 1
-MAP_TRIM = 0.7  # share of the demonstrations that shape the maps
-MAP_UNKNOWN = 0.8  # share of the variance that a map leaves over where it tells nothing
-MAP_SAMPLE = 40  # demonstrations in which faults are tried to learn the gains where there is none
-MAP_POWER = 0.85  # * share of these, with the least misfit, and share of that in which a fault would be named
-MAP_REACH = 16.0  # * times the variance of a column in the others, up to which the maps are known
-LEAST_GAIN = 1.0  # logarithm of likelihood that undoing a fault gains at least
-OFFSET_GAIN = 25.0  # * the same of an offset: seven standard deviations between demonstrations
-LEAST_OFFSET = 0.5  # standard deviations of a column from which on an offset shall be named
-EXPLAINED = 2.0  # times what undoing a fault gains that may be unusual before: it explains at least half
-CONSTANT = 1.1  # the same of an offset, which explains nine tenths
+WIDTH = 3  # steps before and after a change of all columns that are not the next largest
+
+# Commands and their states
+SAME_UNIT = 0.3  # of a slope, or a logarithm of it, from 1 within which a command is in the unit of its state
+TRACKS, SURE = 0.5, 0.8  # squared correlation from which a state follows its command, and from which that is sure
+GAP_QUANTILES, GAP_WIDTH = (0.05, 0.5, 0.95), 3.29  # of command less state; standard deviations between them
+ERRORS, LEAST_GAP = 3.0, 0.2  # tracking errors, and spreads of the action, that command and state lie apart
+OTHER_FITS = 5.0  # times less of an action is left by another state than by its own
+OTHER_UNIT, UNITS, UNIT_ERROR = 3.0, (57.29578, 1000.0), 0.05  # times larger; known units, and how near in logarithms
+IS_STATE = 0.05  # share of what is left beside, below which the state of the same step is the action
+LAG_PAIRS = 16  # that tell it, at most
+LAG_FITS, LAG_BETTER = 0.3, 2.0  # share that is left where a lag is known; times more at others, squared one step off
+
+# The whole set
+TOUCHED = 0.6  # share of the demonstrations within a limit that touch it
+BEYOND_LIMIT = 0.05  # share of the range of an action that passes a limit
+GOES_ON = (
+    1.2  # mean logarithm of the change, in usual ones and 1 more, from one demonstration to the next, if it goes on
+)
+APART, ALIKE = 2.0, 0.15  # ranges that two groups lie apart; share of that by which they may differ once exchanged
+
+NEAR_STATE = 0.25  # spreads of each column that states lie apart which are near, whose actions are compared
+
+# Angles that wrap
+TURNS = (360.0, 6.283185307179586, 1024.0, 4096.0, 8192.0, 16384.0, 65536.0)  # degrees, radians, encoders
+NEAR_TURN, WITHIN_TURN = 0.85, 1.01  # share of a turn of a leap at least, and of all values at most
+APPROACH, MOST_APPROACH = 4, 0.6  # steps before a leap in which it came nearer, in so many of the leaps
 
 # Whole demonstrations
 LENGTH_FACTOR = 2.0  # * times the usual length, or its inverse, and the usual squared distance of last steps
+PACE, OTHER_SPEED, MOST_PACE = 1.6, 1.3, 3.0  # times as far in a step by the same action; and at all; at most
 CUT_LENGTH = 0.75  # share of the lower quartile of the lengths, below which one that ends elsewhere is cut off
 SCALE_FACTOR = 12.0  # * times the usual level and the usual change of a column, or their inverse
 NEAR_SHARE = 0.005  # share of independent demonstrations that are taken for near duplicates
@@ -92,4 +115,5 @@ STEADY_RANGE = 0.25  # the same, or its inverse, within which demonstrations lie
 FARTHEST = 25.0  # squared distance of a last step in one column, in spreads, at most
 LEAST_SPREAD = 0.02  # standard deviations of a column by which last steps do not differ
 LEAST_STEPS = 20  # steps of a demonstration from which its scale, and the sign of a column, are known
+MOST_ZERO = 0.9  # share of demonstrations without a column, at most
 MOST_ABSENT = 0.5  # share of demonstrations without a column, and of steps of others in which it is 0, at most

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar
 
 import numpy as np
 
@@ -11,18 +10,19 @@ from rpil.data.arrays import Id
 from rpil.data.copies import Copies, digests
 from rpil.data.text import counted, duration
 from rpil.faults import settings
+from rpil.faults.command_rules import CommandRule
 from rpil.faults.lag import shifts
 from rpil.faults.measured_columns import MovingBlock
-from rpil.faults.motion import few
+from rpil.faults.motion import Scale
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, Measurements, Rule, above
-from rpil.numerics.types import Array, Float, Int
+from rpil.faults.still import few, idle_runs
+from rpil.numerics.types import Array, Bool, Float, Int
 
 
 class Length(ComparingRule):
     name, words = "length", "it is far longer or shorter than the others, or short and ends where they do not"
     sentence = "it has {steps}{seconds} (usual: {low:.0f} to {high:.0f} steps){end}"
     needs = ("several",)
-    causes = ("frame rate",)
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
@@ -44,7 +44,7 @@ class Length(ComparingRule):
         lengths, far = self.data.lengths.astype(float), self.far
         self.low, self.high = low, high = self.two_fences(lengths, settings.LENGTH_FACTOR)
         short, usual_end = settings.CUT_LENGTH * np.quantile(lengths, 0.25), max(np.quantile(far, 0.75), 1.0)
-        cut = np.minimum(short / lengths, far / (settings.LENGTH_FACTOR * usual_end))
+        cut = np.minimum(short / lengths, far / (settings.LENGTH_FACTOR * usual_end)) * (short >= settings.LEAST_STEPS)
         # What many demonstrations have, as those of another sampling rate, is no fault of one.
         are_few = max((lengths < low).sum(), (lengths > high).sum(), (cut > 1).sum()) <= few(len(lengths))
         is_known = np.isfinite(high) & (low != 0) & are_few
@@ -61,36 +61,51 @@ class Length(ComparingRule):
 
 
 class OtherLag(ComparingRule):
-    name, words = "lag", "the state follows the action sooner or later than usual"
+    name, words = "lag", "the state follows the action sooner or later than usual, or moves before it"
     sentence = "the state follows the action {steps} {when} than usual"
     needs = ("lag", "several")
-    causes = ("frame rate", "shifted action")
+    causes = ("frame rate", "action is state")
     unknown = "the lag between action and state is not the same in most demonstrations"
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """Steps by which the lag is shifted from the usual one, and what that shift adds to the agreement of the
-        cross-correlations, relative to the usual one."""
+        cross-correlations, relative to the usual one; and the correlation of each pair, (M, P)."""
         return shifts(block, learned.pairs)
 
     def compare(self) -> Compared:
-        self.shift, gain = self.measured
+        self.shift, gain = self.measured[:2]
         steps, least_gain = np.abs(self.shift), self.fence(gain, settings.USUAL_FACTOR, settings.SMALLEST_GAIN)
         power = sum(float(pair.usual @ pair.usual) for pair in self.data.learned.pairs)
         # A correlation of n steps is off by n^-1/2.
         by_chance = settings.TAIL * np.sqrt(2.0 / (power * self.data.lengths))
         severity = np.where(steps > 0, gain / np.maximum(least_gain, by_chance), 0.0)
         are_few = (severity > 1).sum() <= few(len(steps))
-        return steps, 1, severity if are_few and np.isfinite(least_gain) else np.full(len(steps), np.nan)
+        severity = severity if are_few and np.isfinite(least_gain) else np.full(len(steps), np.nan)
+        # Commands tell their lags more exactly: where a few differ, and where states move before them in any.
+        left, tracked = self.data.measured[CommandRule.measure][-1], self.data.learned.tracked
+        self.early = np.zeros(len(steps), dtype=int)
+        if not tracked.is_command:
+            return steps, 1, severity
+        zero, best, least = settings.MAX_SHIFT, left.argmin(axis=1), left.min(axis=1)
+        known, enough = least < settings.LAG_FITS, settings.LAG_BETTER * least
+        late = known & (left[:, [zero, zero + 1]].min(axis=1) > enough)
+        self.early = np.where(late, np.maximum(zero - best - 1, 0), 0)
+        shift, usual = best - zero - tracked.lag, left[:, zero + tracked.lag]
+        times = np.where(abs(shift) > 1, 1.0, settings.LAG_BETTER)
+        other = known & (usual > times * enough) & (shift != 0) & (tracked.lag > 0)  # else most are at fault
+        if other.sum() <= few(len(other)):
+            self.shift, steps = np.where(other, shift, self.shift), np.where(other, np.abs(shift), steps)
+            exact = np.where(other, np.sqrt(usual / (least + 1e-12)), 0.0)
+            severity = exact if known.mean() >= settings.MOST_FEW else severity
+        return np.where(self.early > 0, self.early + 1, steps), 1, np.fmax(severity, 2.0 * self.early)
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
+        if self.early[m] > 0:
+            steps = self.data.in_steps(int(fault.value))
+            return f"the state moves {steps} before its command: the actions are recorded late, or moved"
         steps, when = self.data.in_steps(int(fault.value)), "later" if self.shift[m] > 0 else "sooner"
         return super().say(fault, m, c, steps=steps, when=when)
-
-    @classmethod
-    def follows(cls, fault: Fault, cause: Fault) -> bool:
-        """A shift of one step is said once."""
-        return cause.rule != "shifted action" or fault.value == 1
 
     def usual(self) -> str:
         """The usual lag in words."""
@@ -100,65 +115,49 @@ class OtherLag(ComparingRule):
         return f"{second} follows {first} after {self.data.in_steps(abs(best.lag))}"
 
 
-class Undone(ComparingRule):
-    """A demonstration fits the map between states and actions of the others once a fault is undone."""
+class Sign(ComparingRule):
+    """A few demonstrations in which an action and what follows it have the opposite correlation."""
 
-    needs = ("map", "several")
+    name, words = "sign", "an action, or the state that follows it, has the other sign than usual"
+    sentence = "{column}, or what follows it, has the other sign"
+    needs = ("lag", "several")
     causes = ("never moves",)
-    sentences: ClassVar[dict[str, str]]
-    """What is said of each kind of fault that is tried."""
-
-    @staticmethod
-    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """The fault that `Namer` names, and the gain of undoing it, 0 where there is none."""
-        namer, named = learned.namer, np.zeros((len(block.numbers), 2))
-        if namer is not None:
-            for m, (number, rows) in enumerate(zip(block.numbers.tolist(), namer.window.rows_of(block), strict=True)):
-                named[m] = namer.name(number, rows)
-        return named[:, 0].astype(int), named[:, 1]
+    takes_steps = True
+    measure = OtherLag.measure
 
     def compare(self) -> Compared:
-        namer, (named, gain) = self.data.learned.namer, self.measured
-        assert namer is not None  # the rule needs it
-        self.kinds, columns = namer.window.tried
-        tried = np.flatnonzero(np.isin(self.kinds, [*self.sentences]))
-        own, limit = np.where(named[:, None] == tried, gain[:, None], 0.0), namer.limit[tried]
-        if (columns[tried] < 0).any():  # a rule that knows one direction would miss the other
-            self.names = ("",) * len(tried)
-            return above(own, np.where(np.isnan(limit).any(), np.nan, limit))
-        self.names, place = self.columns.names, namer.window.column[columns[tried]]
-        value, threshold = np.zeros((len(own), len(self.names))), np.full(len(self.names), np.nan)
-        value[:, place], threshold[place] = own, limit
-        return above(value, threshold)
-
-    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        return self.sentences[self.kinds[self.measured[0][m]]].format(fault.column)
+        agreement, learned = self.measured[2], self.data.learned
+        pairs = learned.pairs
+        self.names = tuple(self.columns.names[pair.action] for pair in pairs)
+        usual = np.array([pair.correlation for pair in pairs])
+        by_chance = settings.TAIL * 2.0 / np.sqrt(self.data.lengths)[:, None]
+        severity = -agreement / np.maximum(settings.OPPOSITE * usual, by_chance)
+        if learned.tracked.is_command:  # `CommandAgainstState` knows their signs
+            severity[:, np.isin([pair.action for pair in pairs], learned.tracked.action)] = 0.0
+        is_usual = np.median(agreement, axis=0) > settings.OPPOSITE * usual
+        are_few = (severity > 1).sum(axis=0) <= few(len(severity))
+        return agreement, 0.0, np.where(is_usual & are_few, severity, np.nan)
 
 
-class Sign(Undone):
-    name, words = "sign", "a column fits the others once its sign is changed"
-    takes_steps = True
-    sentences: ClassVar = {"sign": "{} fits the others once its sign is changed: perhaps it has the other sign"}
+class FrameRate(CommandRule):
+    """A few demonstrations that go farther in a step, and whose states come nearer to their commands in a step."""
 
-
-class Offset(Undone):
-    name, words = "offset", "a column fits the others once a constant is taken off"
-    sentences: ClassVar = {"offset": "{} fits the others once a constant is taken off: perhaps its zero has moved"}
-
-
-class ShiftedAction(Undone):
-    name, words = "shifted action", "the actions fit the others once they are moved by one step"
-    sentences: ClassVar = {
-        "actions late": "the actions fit the others once they are one step earlier: perhaps they are recorded late",
-        "actions early": "the actions fit the others once they are one step later: perhaps they are recorded early",
-    }
-
-
-class FrameRate(Undone):
     name, words = "frame rate", "its frames come at another rate, or it moves in one step as the others do in two"
-    sentences: ClassVar = {
-        "frame rate": "it moves in one step as the others do in two: perhaps steps are missing, perhaps it is fast"
-    }
+    sentence = "its states go {value:.2g} times as far in a step by the same action: perhaps steps are missing"
+    needs = ("commands", "several")
+
+    def compare(self) -> Compared:
+        (delay, left), tracked = self.measured[8:], self.data.learned.tracked
+        if not tracked.is_command or tracked.lag <= 0:
+            return np.ones(len(left)), 1.0, np.full(len(left), np.nan)
+        change = self.data.measured[Scale.measure][1]  # which another lag leaves as it is
+        speed = np.median(change / np.maximum(np.median(change, axis=0), 1e-300), axis=1)
+        pace = np.median(delay) / np.maximum(delay, 1e-300)
+        pace = np.minimum(pace, settings.PACE / settings.OTHER_SPEED * speed)
+        value, limit, severity = above(pace, float(self.fence(np.clip(pace, 0.1, 10.0), settings.PACE, 0.0)))
+        is_known = (left.min(axis=1) < settings.LAG_FITS) & (pace <= settings.MOST_PACE)
+        are_few = (is_known & (severity > 1)).sum() <= few(len(pace))
+        return value, limit, np.where(is_known, severity, 0.0) if are_few else np.full(len(pace), np.nan)
 
 
 class Duplicate(Rule):
@@ -234,13 +233,13 @@ def near_limit(distance: Array) -> float:
 class IdleEnd(ComparingRule):
     """Idle beginnings and ends, which may be trimmed."""
 
-    at_head = False
+    part = 0
+    """Of the beginning, 0, the end, 1, or between, 2."""
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """Steps before the first and after the last step that moves, of each demonstration. Where motion grows slowly,
-        or decays as that of a controller that settles, nothing is idle. A command that stays exactly the same while no
-        state leaves its noise is idle, however large the noise."""
+        or decays as that of a controller that settles, nothing is idle. Then `idle_runs`, which count as well."""
         moves, offsets = block.moves, block.offsets
         n, steps = len(moves), np.arange(len(moves))
         first = np.minimum.reduceat(np.where(moves, steps, n), offsets[:-1])
@@ -254,59 +253,51 @@ class IdleEnd(ComparingRule):
                 third = len(motion) // 3
                 if 0 < settings.SETTLING * motion[1 : third + 1].mean() < motion[-third:].mean():
                     idle[m] = 0
-        held = np.array([_held(block, m) for m in range(len(head))])
-        return np.maximum(head, held[:, 0]), np.maximum(tail, held[:, 1])
+        long_head, long_tail, first, middle, *exact = idle_runs(block, learned.tracked.is_command)
+        ends = (np.maximum(idle, same) for idle, same in zip((head, tail), exact, strict=True))
+        return *ends, 0 * middle, long_head, long_tail, middle, first
 
     def compare(self) -> Compared:
-        idle, least = self.measured[0 if self.at_head else 1], settings.MIN_IDLE
-        self.first, self.last = (self.first, idle - 1) if self.at_head else (self.data.lengths - idle, self.last)
-        factor = settings.USUAL_FACTOR
-        return above(idle, np.maximum(self.fence(idle, factor, least / factor), least))
+        idle, rest, lengths = self.measured[self.part], self.measured[3 + self.part], self.data.lengths
+        factor, least = settings.USUAL_FACTOR, settings.MIN_IDLE
+        idle, limit, severity = above(idle, np.maximum(self.fence(idle, factor, least / factor), least))
+        long = is_long(rest, lengths, self.part)
+        idle = np.where(long, np.maximum(idle, rest), idle)
+        self.first = (self.first, lengths - idle, self.measured[6])[self.part]
+        self.last = self.first + idle - 1
+        severity = np.where(long, np.fmax(severity, rest / settings.LONG_IDLE), severity)
+        return idle, np.where(long, settings.LONG_IDLE, limit), severity
 
 
 class IdleHead(IdleEnd):
-    name, words = "idle head", "nothing moves for long at the beginning"
-    sentence = "nothing moves for the first {long} (usual: up to {most})"
-    at_head = True
+    name, words, grade = "idle head", "nothing moves for long at the beginning", "odd"
+    sentence = "nothing moves for the first {long}"
 
 
 class IdleTail(IdleEnd):
-    name, words = "idle tail", "nothing moves for long at the end"
-    sentence = "nothing moves for the last {long} (usual: up to {most})"
+    name, words, grade = "idle tail", "nothing moves for long at the end", "odd"
+    sentence = "nothing moves for the last {long}"
+    part = 1
+
+
+class Pause(IdleEnd):
+    name, words, grade = "pause", "nothing moves for long between the beginning and the end", "odd"
+    sentence = "nothing moves for {long} from {first}"
+    part = 2
+
+
+def is_long(rest: Int[Array, " M"], lengths: Int[Array, " M"], part: int) -> Bool[Array, " M"]:
+    """Whether so many steps at rest are idle however usual they are."""
+    return np.asarray((rest >= np.maximum(settings.LONG_IDLE, settings.IDLE_SHARE[part] * lengths)) & (rest < lengths))
 
 
 def trims(data: Measurements) -> dict[Id, tuple[int, int]]:
     """The steps to keep of each demonstration with idle ends, whether they are usual or not."""
     least = settings.MIN_IDLE
-    head, tail = (np.where(idle >= least, idle, 0) for idle in data.measured[IdleEnd.measure])
+    head, tail, _, *rest = (np.where(idle >= least, idle, 0) for idle in data.measured[IdleEnd.measure][:5])
+    head, tail = (
+        np.where(is_long(n, data.lengths, 0), np.maximum(of, n), of) for of, n in zip((head, tail), rest, strict=True)
+    )
     end = data.lengths - tail
     idle = np.flatnonzero((head + tail > 0) & (head < end)).tolist()
     return {data.ids[m]: (int(head[m]), int(end[m])) for m in idle}
-
-
-def _held(block: MovingBlock, m: int) -> tuple[int, int]:
-    """Steps at the beginning, and at the end, of demonstration `m` of a block in which the action is exactly constant
-    and no state leaves its noise; the step that moves next, or moved last, does not count."""
-    rows, least = slice(*block.offsets[m : m + 2].tolist()), settings.MIN_IDLE
-    if (actions := block.block.actions[rows]).ndim == 1:  # a code that stays the same may be a push
-        return 0, 0
-    same = [(actions == actions[end]).all(axis=1)[::way] for end, way in ((0, 1), (-1, -1))]
-    held = [int(np.argmin(each)) for each in same]  # 0 where the action never changes, which tells nothing
-    if max(held) <= least:
-        return 0, 0
-    columns, is_state = block.columns, ~block.columns.is_action
-    states = block.values[is_state, rows]
-    noise = np.median(np.abs(np.diff(states, n=3, axis=1)), axis=1) / settings.THIRD_DIFFERENCE
-    band = np.maximum(settings.NOISE_BAND * noise, columns.scale[is_state])
-    tells = band <= settings.LARGEST_BAND * columns.spread[is_state]
-    states, band = states[tells], band[tells]
-    ends = zip((states, states[:, ::-1]), held, strict=True)
-    first, last = (_quiet(values[:, :n], band, least) if n > least and tells.any() else 0 for values, n in ends)
-    return first, last
-
-
-def _quiet(values: Float[Array, "S T"], band: Float[Array, " S"], least: int) -> int:
-    """Steps but one, from the first on, in which no state is farther from where it rests."""
-    at_rest = np.median(values[:, :least], axis=1)
-    leaves = np.append((np.abs(values - at_rest[:, None]) > band[:, None]).any(axis=0), True)
-    return max(int(np.argmax(leaves)) - 1, 0)

@@ -25,6 +25,7 @@ from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, text_rows, without_suffix
 from rpil.formats.format import Format, StepTables, called, keep_one_file
+from rpil.formats.named_files import in_text
 from rpil.formats.places import in_two_files
 from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.steps import ArrowFile, Steps
@@ -207,4 +208,5 @@ FORMAT = Format(
     keep=keep_one_file(keep_text),
     suffixes=TEXT_SUFFIXES,
     write=lambda path, *data: write_tables(path, iter([flat.from_demonstrations(*data)])),
+    find_defects=lambda path, _: [] if path.name.lower().endswith(".gz") else [*in_text(path)],
 )

@@ -21,7 +21,8 @@ from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE
 from rpil.formats.dialect import MEMORY_PER_BYTE
-from rpil.formats.format import Format, StepTables, from_arrow, keep_one_file, plain_columns
+from rpil.formats.format import Defect, Format, StepTables, from_arrow, keep_one_file, plain_columns
+from rpil.formats.named_files import in_table
 from rpil.formats.scan import damaged_lines, parts_in_words
 from rpil.formats.table_folder import has_tables
 
@@ -145,6 +146,12 @@ def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) 
     return {*wanted.values()}
 
 
+def _find_defects(path: Path, _: bool) -> list[Defect]:
+    """The files that the lines name and that are empty, or not there."""
+    tables = [_parsed(file, ColumnOptions(skip_bad="damage"))[0].drop_columns([_LINE]) for file in _files(path)]
+    return [*in_table(flat.end_to_end(tables, path.name), path if path.is_dir() else path.parent)]
+
+
 FORMAT = Format(
     name="JSON lines",
     claims=claims,
@@ -152,4 +159,5 @@ FORMAT = Format(
     keep=keep_one_file(keep_lines),
     suffixes=JSON_SUFFIXES,
     unkept=lambda path, _: "folder of JSON lines" if path.is_dir() else "",
+    find_defects=_find_defects,
 )

@@ -45,7 +45,7 @@ def find_defects(path: Path, look: bool) -> list[Defect]:
     """What of a folder does not agree with its data; `look` decodes the videos, which takes a while."""
     folder = CheckedFolder(path)
     found: dict[Defect, None] = {}
-    for rule in (in_times, _in_totals, _in_episodes, _in_statistics, partial(in_videos, look=look)):
+    for rule in (in_times, _in_totals, _in_numbers, _in_episodes, _in_statistics, partial(in_videos, look=look)):
         try:
             with guarded(path / "meta"):
                 found |= dict.fromkeys(rule(folder))
@@ -117,6 +117,14 @@ def _in_episodes(folder: CheckedFolder) -> Iterator[Defect]:
         wrong += [f"its data are in {file}, not in {named}"] if named != file else []
         if wrong:
             yield Defect("episode table", str(m), "; ".join(wrong))
+
+
+def _in_numbers(folder: CheckedFolder) -> Iterator[Defect]:
+    if gaps := {*range(max(folder.data, default=-1) + 1)} - folder.data.keys():
+        shown, n = parts_in_words(gaps, "episode", []), len(folder.data)
+        said = f"{shown} {'is' if len(gaps) == 1 else 'are'} missing of 0-{max(folder.data)}"
+        remedy = f"LeRobot looks for episodes and videos by position; number the {n} that are there from 0 to {n - 1}"
+        yield Defect("missing episodes", "data", f"{said}; {remedy}, as rpil keep does")
 
 
 def _in_statistics(folder: CheckedFolder) -> Iterator[Defect]:

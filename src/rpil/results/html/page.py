@@ -166,9 +166,10 @@ def _faults(places: Mapping[Hashable, int], report: FaultReport) -> View:
     found = report.findings[:MAX_FOUND]
     numbers = {str(name): m for name, m in places.items()}
     at = [numbers.get(str(one.id)) for one in found]
+    odd = {places[name] for name in report.odd if name in places}
     named = ((one, one.id == "" or m is not None) for one, m in zip(found, at, strict=True))
     return {
-        "first": [at.index(m) for m in dict.fromkeys(at) if m is not None][:MAX_FIRST],
+        "first": [at.index(m) for m in dict.fromkeys(at) if m in odd][:MAX_FIRST],
         "kinds": [
             {"rule": rule, "words": RULES[rule].words, "n": count}
             for rule, count in sorted(report.counts.items(), key=lambda item: -item[1])

@@ -1,0 +1,123 @@
+"""The rules about commands and the states that follow them: what is wrong whatever is usual in the set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from rpil.faults import settings
+from rpil.faults.measured_columns import MovingBlock
+from rpil.faults.rule import Compared, ComparingRule, Fault, Learned
+from rpil.faults.tracking import misfits, parts_of, relation
+from rpil.numerics.types import Array
+
+
+class CommandRule(ComparingRule):
+    """A rule about `Tracked` pairs, which needs no other demonstration where actions are commands."""
+
+    needs: tuple[str, ...] = ("commands",)
+    takes_steps = True
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """What `relation` says of each demonstration, (M, P); three quantiles of the distance of each action from its
+        state, (M, P); the steps that states need for the distance, (M,); and `misfits`."""
+        pairs, found, turn = learned.tracked, [], block.turn[learned.tracked.action, None]
+        if not len(pairs.action):
+            return tuple(np.zeros((len(block.numbers), 0)) for _ in range(10))
+        for actions, states in parts_of(block, pairs):
+            gap = np.sort(actions - pairs.slope[:, None] * states, axis=1)
+            gap -= turn * np.rint(np.median(gap, axis=1, keepdims=True) / np.where(turn > 0, turn, np.inf))
+            at = [round(q * (gap.shape[1] - 1)) for q in settings.GAP_QUANTILES]
+            found.append((*relation(actions, states, pairs.is_command), *gap[:, at].T))
+        left = misfits(block, pairs) if pairs.fits.any() else np.ones((len(found), 2 * settings.MAX_SHIFT + 1))
+        own, of = pairs.state[pairs.fits], pairs.action[pairs.fits]
+        scale = block.columns.scale[own, None]  # with leaps as large as ten usual changes at most
+        sizes = np.abs(block.values[of] - block.values[own]), np.minimum(block.size[own], 10.0 * scale)
+        apart, step = ((np.add.reduceat((x / scale).sum(axis=0), block.offsets[:-1])) for x in sizes)
+        return (*map(np.array, zip(*found, strict=True)), apart / np.maximum(step, 1e-300), left)
+
+
+class ActionIsState(CommandRule):
+    name, words, grade = (
+        "action is state",
+        "the action is the state of the same step: a policy learns to stay",
+        "broken",
+    )
+    sentence = "the action is the state of the same step: a policy learns to stay; take the state of a later step"
+
+    def compare(self) -> Compared:
+        left, zero = self.measured[-1], settings.MAX_SHIFT
+        beside = left[:, [zero - 1, zero + 1]].min(axis=1)
+        is_known = self.data.learned.tracked.is_command & (beside > 0)
+        value = np.where(is_known, left[:, zero] / np.maximum(beside, 1e-300), 1.0)
+        return (
+            value,
+            settings.IS_STATE,
+            np.where(is_known, np.minimum(settings.IS_STATE / (value + 1e-12), 1e6), np.nan),
+        )
+
+
+class Exchanged(CommandRule):
+    """Actions that follow the states of each other, and not their own."""
+
+    name, words, grade = "exchanged", "columns are in another order", "broken"
+    sentence = "{column} goes with {other}: the columns of the action, or of the state, are in another order"
+
+    def compare(self) -> Compared:
+        pairs, (own, other) = self.data.learned.tracked, self.measured[3:5]
+        self.names = tuple(self.columns.names[a] for a in pairs.action)
+        better = own / np.maximum(other, 1e-6) / settings.OTHER_FITS * (other <= 1.0 - settings.SURE)
+        better *= (better > 1).sum(axis=1, keepdims=True) > 1  # what has its place is out of place as well
+        return other, own, better
+
+    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
+        state = self.data.learned.tracked.state[int(self.measured[2][m, c])]
+        return super().say(fault, m, c, other=self.columns.names[state])
+
+
+class CommandAgainstState(CommandRule):
+    """Commands at another level, of another sign, or in another unit than the states that follow them."""
+
+    name, words, grade = "offset", "a command is at another level than the state that follows it", "broken"
+    causes = ("exchanged", "action is state", "never moves")
+
+    def compare(self) -> Compared:
+        pairs, (slope, own, _, _, _, low, gap, high) = self.data.learned.tracked, self.measured[:8]
+        self.names = tuple(self.columns.names[a] for a in pairs.action)
+        error = (high - low) / settings.GAP_WIDTH
+        spread = self.columns.spread[pairs.action]
+        fits = pairs.fits | ((own >= settings.TRACKS) & (np.abs(slope - 1.0) <= settings.SAME_UNIT))
+        least = np.maximum(settings.ERRORS * error, settings.LEAST_GAP * spread) + 1e-12
+        level = np.where(fits, np.abs(gap) / least, 0.0)
+        ratio = slope / pairs.slope
+        moves = own >= settings.SURE
+        # A pair that never fits may have a unit of its own by design, but no other sense in the same unit.
+        usual = pairs.fits | ((np.abs(ratio - 1.0) <= settings.SAME_UNIT) & moves).any(axis=0)
+        size = np.abs(np.log(np.maximum(np.abs(ratio), 1e-300)))
+        known_unit = np.min(np.abs(size[..., None] - np.log(settings.UNITS)), axis=-1) < settings.UNIT_ERROR
+        unit = np.where(moves & (usual | known_unit), size / np.log(settings.OTHER_UNIT), 0.0)
+        sign = np.where(moves & (ratio < 0) & (usual | (size < settings.SAME_UNIT)), 2.0, 0.0)
+        every = np.stack([level, unit, sign])
+        self.kind, self.ratio = every.argmax(axis=0), ratio
+        severity = every.max(axis=0) if pairs.is_command else np.full(level.shape, np.nan)
+        return gap, least, severity
+
+    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
+        state = self.columns.names[self.data.learned.tracked.state[c]]
+        if self.kind[m, c] == 0:
+            off = f"{abs(fault.value):.3g} {'above' if fault.value > 0 else 'below'}"
+            return f"{fault.column} is {off} {state} throughout: the zero of one of them has moved"
+        if self.kind[m, c] == 2:
+            return f"{fault.column} has the other sign than {state}, which follows it"
+        times = abs(self.ratio[m, c])
+        return f"{fault.column} changes {times:.3g} times as much as {state}, which follows it: another unit"
+
+    def findings(self) -> Iterator[Fault]:
+        """Those of sign and unit under the names that they have where other demonstrations tell them."""
+        at = {name: m for m, name in enumerate(self.data.ids)}
+        for fault in super().findings():
+            kind = int(self.kind[at[fault.id], self.names.index(fault.column)])
+            yield replace(fault, rule=(self.name, "scale", "sign")[kind])

@@ -1,0 +1,182 @@
+"""The rules about what a set agrees on: constants, limits, order and sign of its columns, and where it is cut."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+
+from rpil.data.demonstrations import DemonstrationSet
+from rpil.data.text import listed
+from rpil.faults import settings
+from rpil.faults.measured_columns import MovingBlock, means
+from rpil.faults.motion import Jump
+from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, Rule, in_words
+from rpil.faults.still import few
+from rpil.numerics.types import Array, Bool, Float
+
+
+class ConstantAction(Rule):
+    name, words, grade = "constant", "an action is the same in every step of the set", "broken"
+
+    @classmethod
+    def find(cls, demonstrations: DemonstrationSet, learned: Learned) -> Iterator[Fault]:
+        """Those whose range is 0."""
+        low, high, of = demonstrations.low, demonstrations.high, learned.action_labels
+        same = [f"{name} is {low[a]:.4g}" for a, name in enumerate(of) if low[a] == high[a]]
+        if same:
+            what = "its range is" if len(same) == 1 else "their ranges are"
+            sentence = f"{listed(same)} in every step: {what} 0, by which min-max normalisation divides"
+            column = same[0].rpartition(" is ")[0] if len(same) == 1 else ""
+            place = "", 0, 0, column, float(len(same)), 0.0, 1.0
+            yield Fault(
+                cls.name, *place, f"{sentence}; leave {'it' if len(same) == 1 else 'them'} out", demonstrations.ids
+            )
+
+
+class OutsideRange(ComparingRule):
+    """Actions beyond a limit that the others touch and never pass."""
+
+    name, words, grade = "outside range", "an action passes a limit that the others touch", "broken"
+    needs = ("several",)
+    sentence = "{column} goes to {value:.4g}; the others touch {limit:.4g} and never pass it"
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """The largest value of each action, and the next smaller one; then the same downwards, where signs are changed,
+        (M, 2 A)."""
+        actions, begins = block.block.actions, block.offsets[:-1]
+        if actions.ndim == 1:
+            return (np.zeros((len(begins), 0)),) * 2
+        sides = np.concatenate([actions.T, -actions.T]).astype(np.float64)
+        top = np.maximum.reduceat(sides, begins, axis=1)
+        below = np.where(sides < np.repeat(top, np.diff(block.offsets), axis=1), sides, -np.inf)
+        return top.T, np.maximum.reduceat(below, begins, axis=1).T
+
+    def compare(self) -> Compared:
+        (top, below), data = self.measured, self.data
+        if not top.shape[1]:
+            return np.zeros(len(data.ids)), 0.0, np.zeros(len(data.ids))
+        self.names, n = data.learned.action_labels * 2, top.shape[1] // 2
+        others = np.unique(np.column_stack([top, below, data.lengths]), axis=0, return_index=True)[
+            1
+        ]  # copies tell no limit
+        moves = np.isfinite(below[others])
+        self.limits = np.array([limit_of(own[rows]) for own, rows in zip(top[others].T, moves.T, strict=True)])
+        ranges = self.limits + np.median(np.roll(top, n, axis=1), axis=0)
+        severity = np.nan_to_num((top - self.limits) / np.where(ranges > 0, ranges, np.nan)) / settings.BEYOND_LIMIT
+        # What has the limit among its values has one more of them, unless it belongs to a task or beyond [-1, 1]; and
+        # what measures may begin where others end.
+        tasks = np.array([data.tasks.get(str(name), "") for name in data.ids])
+        of_task = [not {*tasks[rows]} & {*tasks[~rows], ""} for rows in severity.T > 1]
+        own = np.tile((self.limits == 1.0).reshape(2, n).all(axis=0), 2) | of_task
+        some = (severity > 1).sum(axis=0) <= few(len(data.ids))
+        severity = severity * ((self.limits == 1.0) | ((some | of_task) & ~np.isin(self.names, self.columns.names)))
+        return np.where(np.arange(2 * n) < n, top, -top), 0.0, severity * ((below != self.limits) | own)
+
+    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
+        return super().say(fault, m, c, limit=self.limits[c] * (1 if c < len(self.names) // 2 else -1))
+
+
+def limit_of(tops: Float[Array, " M"]) -> float:
+    """The limit of an action, NaN without one: exactly the largest value of most demonstrations that do not pass it,
+    and of no other value as many; 1 comes before others."""
+    if not len(tops):
+        return np.nan
+    values, counts = np.unique(tops, return_counts=True)
+    often = np.where(counts >= max(settings.FEWEST_DEMONSTRATIONS, settings.FEW_SHARE * len(tops)), counts, 0)
+    limit = 1.0 if 1.0 in values[often > 0] else values[often.argmax()]
+    inside = tops <= limit
+    touched = (tops[inside] == limit).mean() >= settings.TOUCHED and often.any()
+    return float(limit) if touched and (inside.mean() > 0.5 or limit == 1.0) else np.nan
+
+
+class TwoEpisodes(ComparingRule):
+    """Rows of the demonstration before, or of the next one: it jumps where they end, and they go on from there."""
+
+    name, words, grade = "two episodes", "it begins, or ends, with rows of another demonstration", "broken"
+    needs = ("observations", "several")
+    takes_steps = True
+    sentence = "{which}: all columns jump at {last}, and none from one demonstration to the other"
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """First, last and mean values of each column, and its changes at the second and at the last step."""
+        values, size, begin, end = block.values, block.size, block.offsets[:-1], block.offsets[1:] - 1
+        ends = values[:, begin].T, values[:, end].T, means(values, block.offsets)
+        return *ends, size[:, np.minimum(begin + 1, end)].T, size[:, end].T
+
+    def compare(self) -> Compared:
+        own, jumps = ~self.columns.is_action, self.data.measured[Jump.measure]
+        first, last, _, begins, ends = (of_each[:, own] for of_each in self.measured)
+        (jump, step), limit = (x[:, 0] for x in jumps[4:6]), Jump.limit(jumps)
+        usual = np.maximum(begins[1:], ends[:-1]) + self.columns.scale[own]
+        tells = ((begins > 0) | (ends > 0)).any(axis=0) & (self.columns.memory[own] >= settings.LEAST_MEMORY)
+        between = np.log1p(np.abs(first[1:] - last[:-1]) / usual)[:, tells]
+        near = between.mean(axis=1) < settings.GOES_ON if tells.any() else np.zeros(len(between), dtype=bool)
+        self.early, near = step < self.data.lengths / 2, np.concatenate([[False], near, [False]])
+        joined = np.where(self.early, near[:-1], near[1:]) & (jump > limit)
+        self.first, self.last = step - 1, step
+        return jump, limit, np.where(joined, jump / limit, 0.0) * (joined.sum() >= settings.FEWEST_DEMONSTRATIONS)
+
+    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
+        which = "its {} {} rows are those of the {}"
+        n = fault.last if self.early[m] else int(self.data.lengths[m]) - fault.last
+        return super().say(
+            fault, m, c, which=which.format(*(("first", n, "one before") if self.early[m] else ("last", n, "next one")))
+        )
+
+
+class Conventions(ComparingRule):
+    """Two parts of the set whose columns agree once two of them are exchanged, or the sign of one is changed."""
+
+    name, words, grade = (
+        "two conventions",
+        "two parts of the set have columns in another order, or of other signs",
+        "broken",
+    )
+    needs = ("columns", "several")
+
+    measure = TwoEpisodes.measure
+
+    def compare(self) -> Compared:
+        return (none := np.zeros(len(self.data.ids))), 1.0, none
+
+    def findings(self) -> Iterator[Fault]:
+        for column, rows, said in self.told():
+            if rows.mean() > 0.5 or (rows.mean() == 0.5 and rows[0]):
+                rows = ~rows
+            ids = tuple(self.data.ids[m] for m in np.flatnonzero(rows).tolist())
+            which = in_words(ids, self.data.ids, self.data.tasks)
+            sentence = f"{which}: {said} than in the other {len(rows) - len(ids):,}; which is right cannot be known"
+            yield Fault(self.name, "", 0, 0, column, float(rows.mean()), 0.0, 1.0 + float(rows.mean()), sentence, ids)
+
+    def told(self) -> Iterator[tuple[str, Bool[Array, " M"], str]]:
+        """A column, some demonstrations, and what of it is other there."""
+        is_action, names, features = self.columns.is_action, self.columns.names, np.stack(self.measured[:3])
+        pairs, groups = self.data.learned.tracked, [(c, two_groups(features[0, :, c])) for c in range(len(names))]
+        commands = {*pairs.action.tolist(), *pairs.state.tolist()} if pairs.is_command else set[int]()
+        parts = [
+            (c, rows, features[:, rows, c].mean(axis=1), features[:, ~rows, c].mean(axis=1))
+            for c, rows in groups
+            if rows is not None
+        ]
+        for (i, rows, u, v), (j, other, x, y) in itertools.combinations_with_replacement(parts, 2):
+            least = settings.ALIKE * np.abs(u - v).min()
+            x, y = (x, y) if (rows == other).all() else (y, x)
+            if i == j and i in commands and np.abs(u + v).max() <= least:
+                yield names[i], rows, f"{names[i]} has another sign"
+            is_same = (rows == other).all() or (rows != other).all()
+            if i != j and is_same and is_action[i] == is_action[j] and np.abs([u - y, v - x]).max() <= least:
+                yield names[i], rows, f"{names[i]} and {names[j]} are in another order"
+
+
+def two_groups(values: Float[Array, " M"]) -> Bool[Array, " M"] | None:
+    """The larger ones of values that form two groups far apart; None where they do not."""
+    order = np.sort(values)
+    gaps = np.diff(order)
+    k = int(gaps.argmax()) + 1
+    parts = order[:k], order[k:]
+    apart = gaps[k - 1] > settings.APART * max(np.ptp(parts[0]), np.ptp(parts[1]))
+    return values >= order[k] if apart and min(map(len, parts)) >= 2 else None

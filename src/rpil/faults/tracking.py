@@ -1,0 +1,143 @@
+"""Commands of positions and the states that follow them, and what holds between them in any recording.
+
+An action and a state go together where their names agree but for a word such as action or state, their numbers
+included, or else where one follows the other. Where the slope between them is near 1, the action is a command in the
+unit of the state. Then the state follows its own command, later, in its sense and unit, to its level, and no other
+demonstration is needed to know it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rpil.faults import settings
+from rpil.faults.measured_columns import MovingBlock
+from rpil.numerics.types import Array, Bool, Float, Int
+
+_ROLE_WORDS = re.compile(
+    r"^(?:(?:observations?|obs|actions?|states?|commands?|cmds?|targets?|desired|leader|follower|measured|actual)"
+    r"[ ._/-]*)+(?=.)"
+)
+"""Words at the beginning of a name that say whether it is an action."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """P actions and the states that go with them."""
+
+    action: Int[Array, " P"]
+    state: Int[Array, " P"]
+    """Both are numbers of `MeasuredColumns`."""
+    slope: Float[Array, " P"]
+    """How the action changes with its state: 1 where it is a command in the unit of the state."""
+    fits: Bool[Array, " P"]
+    """Whether it usually does."""
+    lag: int = 0
+    """Steps after which the states usually follow."""
+    is_command: bool = False
+    """Whether the actions are known to be commands in the units of the states."""
+
+
+def find_tracked(sample: MovingBlock) -> Tracked:
+    """The pairs of a sample."""
+    names, is_action = sample.columns.names, sample.columns.is_action
+    plain = [_ROLE_WORDS.sub("", name.lower()) for name in names]
+    states = {plain[c]: c for c in np.flatnonzero(~is_action).tolist()[::-1]}
+    own = [(a, states[plain[a]]) for a in np.flatnonzero(is_action).tolist() if plain[a] in states]
+    named = _fitted(sample, np.array(own, dtype=int).reshape(-1, 2))
+    if named.is_command:
+        return replace(named, slope=np.ones(len(own)))  # of a pair that does not fit, too, it is known
+    actions, others = np.flatnonzero(is_action), np.flatnonzero(~is_action)
+    if len(actions) and len(others):
+        first = Tracked(actions, others, np.ones(len(actions)), np.ones(len(actions), dtype=bool), 1)
+        share = np.median([squared_correlation(*parts) for parts in parts_of(sample, first)], axis=0)
+        best = _fitted(sample, np.column_stack([actions, others[share.argmax(axis=1)]]))
+        if best.is_command and len({*best.state[best.slope == 1.0].tolist()}) == (best.slope == 1.0).sum():
+            named = replace(best, fits=best.slope == 1.0)
+    chosen = {name: getattr(named, name)[named.fits] for name in ("action", "state", "slope", "fits")}
+    return replace(named, **chosen)
+
+
+def _fitted(sample: MovingBlock, own: Int[Array, "P 2"]) -> Tracked:
+    """Pairs with their usual lag and slopes."""
+    action, state = own.T
+    pairs = Tracked(action, state, np.ones(len(own)), np.ones(len(own), dtype=bool))
+    if not len(own):
+        return pairs
+    pairs = replace(pairs, lag=int(np.median(misfits(sample, pairs), axis=0).argmin()) - settings.MAX_SHIFT)
+    every = [relation(*parts, False)[:2] for parts in parts_of(sample, pairs)]
+    slope, share = (np.quantile(np.array(each), 0.5, axis=0, method="lower") for each in zip(*every, strict=True))
+    fits = share >= settings.TRACKS
+    slope = np.where(fits & (np.abs(slope - 1.0) <= settings.SAME_UNIT), 1.0, slope)
+    is_command = bool((fits & (slope == 1.0)).sum() >= max(2, len(own) / 2))
+    fits &= (slope == 1.0) | (not is_command)
+    found = replace(pairs, slope=slope, fits=fits, is_command=is_command)
+    if not fits.any():
+        return found
+    return replace(found, lag=int(np.median(misfits(sample, found), axis=0).argmin()) - settings.MAX_SHIFT)
+
+
+def parts_of(block: MovingBlock, pairs: Tracked) -> Iterator[tuple[Array, Array]]:
+    """The actions and the states of each demonstration, (P, T), the states taken later by the lag."""
+    late, early = max(pairs.lag, 0), max(-pairs.lag, 0)
+    actions, states = block.values[pairs.action], block.values[pairs.state]
+    for begin, end in zip(block.offsets[:-1].tolist(), block.offsets[1:].tolist(), strict=True):
+        cut = min(late + early, max(end - begin - 2, 0))  # of a demonstration that is shorter, nothing is known
+        yield (
+            actions[:, begin + min(early, cut) : end - min(late, cut)],
+            states[:, begin + min(late, cut) : end - min(early, cut)],
+        )
+
+
+def squared_correlation(actions: Float[Array, "A T"], states: Float[Array, "S T"]) -> Float[Array, "A S"]:
+    """Of each action with each state; 0 where either rests."""
+    a, s = (values - values.mean(axis=1, keepdims=True) for values in (actions, states))
+    power = np.outer((a**2).sum(axis=1), (s**2).sum(axis=1))
+    return np.asarray((a @ s.T) ** 2 / np.where(power > 0, power, np.inf))
+
+
+def relation(actions: Float[Array, "P T"], states: Float[Array, "P T"], is_command: bool) -> tuple[Array, ...]:
+    """Slope and squared correlation of each action with its own state; the other state that goes with it best; and the
+    shares of the variance of the action that its own state leaves, and that the other leaves: commands are compared
+    with the states as they are."""
+    share, own = squared_correlation(actions, states), np.arange(len(actions))
+    a, s = (values - values.mean(axis=1, keepdims=True) for values in (actions, states))
+    power = np.maximum((a**2).sum(axis=1), 1e-300)
+    slope = np.sign((a * s).sum(axis=1)) * np.sqrt(power / np.maximum((s**2).sum(axis=1), 1e-300))
+    left = 1.0 - share
+    if is_command:
+        squares = (actions**2).sum(axis=1)[:, None] + (states**2).sum(axis=1) - 2.0 * actions @ states.T
+        left = np.maximum(squares, 0.0) / power[:, None]
+    mine = left[own, own]
+    left[own, own] = np.inf
+    best = left.argmin(axis=1) if len(own) else own
+    return slope, share[own, own], best, mine, left[own, best]
+
+
+def misfits(block: MovingBlock, pairs: Tracked) -> Float[Array, "M K"]:
+    """Share of the variance of the actions that is left where the states are taken later by -L to L steps, over all
+    pairs, each in its usual spread."""
+    fits = np.flatnonzero(pairs.fits)[: settings.LAG_PAIRS]
+    own, offsets, lengths = pairs.action[fits], block.offsets, np.diff(block.offsets)
+    spread = block.columns.spread[own, None]
+    actions = block.values[own] / spread
+    states = block.values[pairs.state[fits]] * pairs.slope[fits, None] / spread
+    out = []
+    for lag in (None, *range(-settings.MAX_SHIFT, settings.MAX_SHIFT + 1)):
+        late, early = max(lag or 0, 0), max(-(lag or 0), 0)
+        off = np.zeros_like(actions)
+        n = off.shape[1] - late - early
+        off[:, early : early + n] = actions[:, early : early + n]
+        if lag is not None:  # first the variance itself
+            off[:, early : early + n] -= states[:, late : late + n]
+        if lag:  # where the state would be of another demonstration
+            ends = offsets[1:, None] - 1 - np.arange(late) if late else offsets[:-1, None] + np.arange(early)
+            off[:, np.clip(ends, 0, off.shape[1] - 1)] = 0.0
+        steps = np.maximum(lengths - late - early, 1)
+        mean, square = (np.add.reduceat(x, offsets[:-1], axis=1) / steps for x in (off, off**2))
+        out.append(np.maximum(square - mean**2, 0.0).sum(axis=0))
+    return np.asarray(np.stack(out[1:], axis=1) / np.maximum(out[0], 1e-12)[:, None])

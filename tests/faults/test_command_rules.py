@@ -1,0 +1,97 @@
+"""What holds between commands and states in any recording: planted in few and all, clean, and not known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from recordings import demonstrations, recording
+from rpil.faults.checking import check
+from rpil.faults.rule import Rule
+
+CLEAN = [(np.c_[x, 40 * x[:, :1] ** 2], np.c_[a, 40 * a[:, :1] ** 2]) for x, a in recording(12, joints=5)]
+RULES = {"action is state", "exchanged", "offset", "sign", "scale", "lag"}
+
+
+def moved(x, a):
+    return x + np.array([0, 0, 1.5, 0, 0, 0]), a
+
+
+def exchanged(x, a):
+    return x, a[:, [1, 0, 2, 3, 4, 5]]
+
+
+def same(x, a):
+    return x, x
+
+
+def turned(x, a):
+    return x, a * [1, -1, 1, 1, 1, 1]
+
+
+def degrees(x, a):
+    return x * [1, 1, 1, 57.29578, 1, 1], a
+
+
+def late(x, a):
+    return x[7:], a[:-7]
+
+
+KINDS = {
+    "offset": moved,
+    "exchanged": exchanged,
+    "action is state": same,
+    "sign": turned,
+    "scale": degrees,
+    "lag": late,
+}
+
+
+@pytest.mark.parametrize("rule", KINDS)
+@pytest.mark.parametrize("share", [2, 4, 6, 9, 12])
+def test_a_fault_is_found_in_every_share_of_the_set_and_the_others_are_not_accused(rule, share):
+    episodes = [KINDS[rule](x, a) if m < share else (x, a) for m, (x, a) in enumerate(CLEAN)]
+    report = check(demonstrations(episodes))
+    assert {fault.id for fault in report.findings if fault.rule == rule} == set(range(share))
+    assert {fault.id for fault in report.findings} == set(range(share))
+    if share > 3:
+        (line,) = [one for one in report.lines if one.rule == rule]
+        assert line.ids == tuple(range(share))
+        said = "all of 12 demonstrations" if share == 12 else f"{share} of 12 demonstrations, 0 to {share - 1}"
+        assert line.sentence.startswith(said)
+
+
+@pytest.mark.parametrize("lag", [1, 2, 5])
+@pytest.mark.parametrize("error", [0.0, 0.02])
+def test_clean_commands_have_no_fault(lag, error):
+    rng = np.random.default_rng(lag)
+    episodes = [(a[:-lag] + error * rng.normal(size=a[:-lag].shape), a[lag:]) for _, a in CLEAN]
+    assert not RULES & {*check(demonstrations(episodes)).counts}
+
+
+def test_a_hand_that_holds_something_is_no_offset():
+    """Its command is below the width of what it holds, and equal where it is open."""
+    hand = [np.where(np.arange(len(x)) % 80 < 40, 1.0, 0.4) for x, _ in CLEAN]
+    held = [(np.c_[x, h], np.c_[a, np.where(h < 1, 0.1, 1.0)]) for (x, a), h in zip(CLEAN, hand, strict=True)]
+    assert "offset" not in check(demonstrations(held)).counts
+
+
+@pytest.mark.parametrize("kind", ["speeds", "normalised", "noise"])
+def test_of_actions_that_are_no_commands_nothing_is_known(kind):
+    rng = np.random.default_rng(0)
+    made = {
+        "speeds": [(np.cumsum(a, axis=0), a) for _, a in CLEAN],
+        "normalised": [(50 * x + 3, a) for x, a in CLEAN],
+        "noise": [(rng.normal(size=x.shape), rng.normal(size=a.shape)) for x, a in CLEAN],
+    }
+    report = check(demonstrations(made[kind]))
+    assert not {"offset", "action is state"} & {*report.counts}
+    assert {"offset", "action is state"} <= {*report.not_checked}
+
+
+def test_offsets_of_either_sign_say_how_far_and_which_is_above():
+    report = check(demonstrations([(x, a - [0, 2, 0, 0, 0, 0]) for x, a in CLEAN]))
+    assert report.lines[0].sentence == (
+        "all of 12 demonstrations: action 1 is 2 below observation 1 throughout: the zero of one of them has moved"
+    )
+    assert Rule.named["offset"].grade == report.lines[0].grade == "broken"

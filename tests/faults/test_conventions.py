@@ -1,0 +1,144 @@
+"""What a set agrees on: constants, limits, order and sign of columns, and where it is cut."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rpil
+from recordings import demonstrations, recording
+from rpil.faults.checking import check
+from rpil.faults.conventions import limit_of, two_groups
+
+N = 12
+HOME = np.array([-90.0, 80, 0, 20])
+
+
+def arm(seed=0):
+    """Joints that leave their home and come back, and commands two steps before."""
+    rng, episodes = np.random.default_rng(seed), []
+    for _ in range(N):
+        n = int(rng.integers(110, 140))
+        path = HOME + 40 * np.sin(np.linspace(0, np.pi, n + 2))[:, None] * rng.uniform(0.6, 1.2, 4)
+        path += 0.2 * rng.normal(size=path.shape)
+        episodes.append((path[:-2], path[2:]))
+    return episodes
+
+
+CLEAN = arm()
+
+
+def test_a_constant_action_is_one_line_and_a_constant_state_none():
+    constant = [(x, a * [1, 1, 1, 0] + [0, 0, 0, 12.5]) for x, a in CLEAN]
+    found = [one for one in check(demonstrations(constant)).lines if one.rule == "constant"]
+    assert [one.column for one in found] == ["action 3"]
+    assert found[0].sentence.startswith("action 3 is 12.5 in every step: its range is 0, by which min-max")
+    goal = [(np.c_[x, np.ones(len(x))], a) for x, a in CLEAN]
+    assert not check(demonstrations(goal)).findings
+    codes = [(x, np.zeros(len(x), dtype=int)) for x, _ in CLEAN]
+    assert "constant" not in check(demonstrations(codes)).counts
+
+
+@pytest.mark.parametrize("other", [[1], [3, 4, 7], range(6, 12)])
+def test_columns_in_another_order_in_a_part_name_both_parts(other):
+    order = [1, 0, 2, 3]
+    episodes = [(x[:, order], a[:, order]) if m in other else (x, a) for m, (x, a) in enumerate(CLEAN)]
+    found = [one for one in check(demonstrations(episodes)).findings if one.rule == "two conventions"]
+    assert [one.ids for one in found] == ([tuple(other)] * 2 if len(other) > 1 else [])  # of states, and of actions
+    for one in found:
+        assert one.id == ""
+        assert "in another order than in the other" in one.sentence
+        assert "which is right cannot be known" in one.sentence
+
+
+@pytest.mark.parametrize("share", [3, 6, 9])
+def test_another_sign_in_a_part_names_the_smaller_part(share):
+    turn = [-1, 1, 1, 1]
+    episodes = [(x * turn, a * turn) if m < share else (x, a) for m, (x, a) in enumerate(CLEAN)]
+    found = [one for one in check(demonstrations(episodes)).findings if one.rule == "two conventions"]
+    smaller = tuple(range(share)) if share < 6 else tuple(range(share, N))
+    assert {one.ids for one in found} == {smaller}
+    assert "has another sign" in found[0].sentence
+
+
+def test_two_ways_that_begin_alike_are_no_conventions():
+    bend = [
+        np.sin(np.linspace(0, np.pi, len(x)))[:, None] * [0, 0, 60 * (-1) ** m, 0] for m, (x, _) in enumerate(CLEAN)
+    ]
+    both = [(x + b, a + b) for (x, a), b in zip(CLEAN, bend, strict=True)]
+    assert "two conventions" not in check(demonstrations(both)).counts
+    every = [(x[:, [1, 0, 2, 3]], a[:, [1, 0, 2, 3]]) for x, a in CLEAN]
+    assert not check(demonstrations(every)).findings  # of all it cannot be known
+
+
+@pytest.mark.parametrize(
+    ("values", "upper"),
+    [
+        ([0, 0.1, 1, 1.1], [2, 3]),
+        ([5, 0, 5.1, 0.2, 5], [0, 2, 4]),
+        ([0, 1, 2, 3, 4], None),
+        ([0, 0.1, 0.2, 9], None),  # one alone
+    ],
+)
+def test_two_groups_lie_far_apart(values, upper):
+    found = two_groups(np.array(values, float))
+    assert (found is None) if upper is None else np.flatnonzero(found).tolist() == upper
+
+
+@pytest.mark.parametrize(
+    ("tops", "limit"),
+    [
+        ([1, 1, 1, 1, 0.9, 2, 2, 2], 1),
+        ([1] * 6 + [2.5] * 14, 1),
+        ([7, 7, 7, 7, 7, 6, 9], 7),
+        ([7, 7, 7, 7, 9, 9, 9, 9, 9], np.nan),  # which is the limit cannot be known
+        ([0.1, 0.2, 0.3, 0.4, 0.5], np.nan),
+        ([3, 3, 3, 1, 1, 2, 2], np.nan),
+    ],
+)
+def test_a_limit_is_what_most_touch_and_never_pass(tops, limit):
+    np.testing.assert_equal(limit_of(np.array(tops, float)), limit)
+
+
+def clipped(m, stretched=(), hand=(-1.0, 1.0)):
+    x, a = recording(N, joints=3)[m]
+    a = np.clip(1.5 * a, -1, 1) * (2.5 if m in stretched else 1)
+    return x, np.c_[a, np.where(np.arange(len(a)) % 40 < 20, *hand)]
+
+
+@pytest.mark.parametrize("stretched", [(), (2, 9), range(6), range(8), range(N)])
+def test_actions_beyond_the_limit_that_the_others_touch_are_outside(stretched):
+    report = check(demonstrations([clipped(m, stretched) for m in range(N)]))
+    found = {fault.id for fault in report.findings if fault.rule == "outside range"}
+    assert found == (set() if len(stretched) == N else {*stretched})  # of all it cannot be known
+
+
+def test_a_value_that_one_task_alone_has_is_named_with_the_task():
+    rows = []
+    for m in range(N):
+        task = ("pour", "stack", "wipe")[m % 3]
+        x, a = clipped(m, hand=(0.0, 1.0))
+        a[5:9, 3] = 3.0 if task == "pour" else 1.0
+        columns = {f"observation.{k}": x[:, k] for k in range(3)} | {f"action.{k}": a[:, k] for k in range(4)}
+        rows.append(pd.DataFrame({"episode": m, "task": task, **columns}))
+    (line,) = [one for one in rpil.check(pd.concat(rows), task="task").lines if one.rule == "outside range"]
+    assert line.sentence == (
+        "4 of 12 demonstrations, those of the task 'pour': 3 goes to 3; the others touch 1 and never pass it"
+    ).replace("': 3 goes", f"': {line.column} goes")
+
+
+@pytest.mark.parametrize("late", [7, -7, 0])
+def test_ends_that_are_late_or_early_are_seen_where_the_rows_go_on(late):
+    rng = np.random.default_rng(0)
+    episodes = [(x + 60 * rng.normal(size=4), a) for x, a in CLEAN]
+    states, actions = (np.concatenate([pair[k] for pair in episodes]) for k in (0, 1))
+    ends = np.cumsum([len(x) for x, _ in episodes])
+    cuts = np.r_[0, ends[:-1] + late, ends[-1]]
+    made = [(states[a:b], actions[a:b]) for a, b in itertools.pairwise(cuts)]
+    found = {fault.id: fault.sentence for fault in check(demonstrations(made)).findings if fault.rule == "two episodes"}
+    assert set(found) == {7: set(range(N - 1)), -7: set(range(1, N)), 0: set()}[late]
+    said = {7: "its last 7 rows are those of the next one", -7: "its first 7 rows are those of the one before"}
+    assert all(said[late] in one for one in found.values())

@@ -1,0 +1,92 @@
+"""The set in one table: what it holds, how its actions move, and what a trainer will stumble over."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import rpil
+from command_line import ok
+from recordings import recording
+from rpil.data.demonstrations import Block
+from rpil.faults.set_table import contradicting, set_table
+
+N = 10
+
+
+def frame(wraps=False, constant=False, idle=0, moved=()):
+    rows = []
+    for m, (x, a) in enumerate(recording(N)):
+        x, a = (np.insert(values, [0] * idle, values[0], axis=0) for values in (x, a))
+        if wraps:
+            x, a = ((v + np.linspace(0, 12, len(v))[:, None] + np.pi) % (2 * np.pi) - np.pi for v in (x, a))
+        if constant:
+            a = a * [1, 1, 0]
+        a = a + np.array([2.0 * (m in moved), 0, 0])
+        columns = {f"state.{k}": x[:, k] for k in range(3)} | {f"action.{k}": a[:, k] for k in range(3)}
+        done = (np.arange(len(x)) == len(x) - 1) * (m < 7)
+        rows.append(pd.DataFrame({"episode": m, "timestamp": np.arange(len(x)) / 20, **columns, "success": done}))
+    return pd.concat(rows)
+
+
+def table_of(data, **options):
+    read = rpil.open(data, observations="state.*", **options)
+    return set_table(read, rpil.check(read), "FILE")
+
+
+def test_a_clean_set_has_a_row_for_each_action_and_nothing_to_stumble_over():
+    found = table_of(frame(), outcome="success")
+    assert found.facts["episodes"] == "10"
+    assert found.facts["rate"] == "20 a second"
+    assert found.facts["idle share"] == "0 %"
+    assert found.facts["successes, success"] == "70 % of episodes"
+    assert [row[3:6] for row in found.actions] == [("", "", "2")] * 3
+    assert all(0 < float(row[6]) < 0.01 for row in found.actions)
+    assert found.stumbles == []
+    assert "stumble" not in "\n".join(found.lines())
+
+
+def test_what_is_wrong_is_in_its_cell_and_has_a_remedy():
+    found = table_of(frame(constant=True, idle=50))
+    assert found.actions[2][1:4] == ("0 to 0", "", "constant")
+    assert float(found.facts["idle share"].split()[0]) == pytest.approx(100 * 50 / 225, abs=4)
+    assert any(line.endswith("leave it out") for line in found.stumbles)
+    assert any(line.endswith("rpil keep FILE -o NEW --trim") for line in found.stumbles)
+    moved = sorted(table_of(frame(moved=(2, 3))).stumbles)
+    assert [line.partition(" ")[2][:30] for line in moved] == [
+        "2: action.0 is 2 above state.0",
+        "3: action.0 is 2 above state.0",
+    ]
+    assert moved[0].endswith("; rpil keep FILE -o NEW --without-faults offset")
+    assert {row[4] for row in table_of(frame(wraps=True)).actions} == {"by 6.283"}
+
+
+def test_the_table_is_markdown_and_json(tmp_path):
+    path = tmp_path / "drive.csv"
+    frame().to_csv(path, index=False)
+    lines = ok("info", "--set", str(path)).stdout.splitlines()
+    assert lines[0].startswith("| of the set ")
+    assert len({len(line) for line in lines if line.startswith("| action")}) == 1
+    assert '"episodes": "10"' in ok("info", "--set", "--format", "json", str(path)).stdout
+
+
+def test_codes_have_no_rows():
+    x, a = recording(4)[0]
+    rows = [
+        pd.DataFrame({"episode": m, "observation.x": x[:, 0], "action": (a[:, 0] > 0).astype(int)}) for m in range(4)
+    ]
+    read = rpil.open(pd.concat(rows))
+    assert set_table(read, rpil.check(read), "FILE").actions == []
+
+
+@pytest.mark.parametrize(("apart", "share"), [(0.0, 0.0), (5.0, 1.0)])
+def test_actions_contradict_where_near_states_have_others(apart, share):
+    states = np.tile(np.linspace(0, 50, 40), 2)[None]
+    actions = np.repeat([[0.0], [apart]], 40, axis=0) + np.tile(np.linspace(0, 1, 40), 2)[:, None]
+    block = Block(0, states.T, actions, np.array([0, 40, 80]))
+    assert contradicting(states, block) == share
+    codes = Block(0, states.T, (actions[:, 0] > 2).astype(int), np.array([0, 40, 80]))
+    assert contradicting(states, codes) == share
+    far = np.linspace(0, 1e4, 80)[None]
+    assert contradicting(far, block) == 0

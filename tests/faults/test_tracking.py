@@ -1,0 +1,80 @@
+"""Actions and the states that go with them: by their names, by what follows best, and the lag between them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from recordings import recording
+from rpil import Demonstrations
+from rpil.data.episodes import lay_end_to_end
+from rpil.faults import settings
+from rpil.faults.rule import Learned
+from rpil.faults.tracking import _ROLE_WORDS, misfits, relation
+
+CLEAN = recording(8, joints=4)
+
+
+def learned(episodes, states=(), actions=()):
+    observations, every, offsets, *_ = lay_end_to_end(episodes, None, "x")
+    made = Demonstrations(observations, every, offsets, observation_names=states, action_names=actions)
+    return Learned.of(made)
+
+
+@pytest.mark.parametrize(
+    ("name", "short"),
+    [
+        ("action.elbow.pos", "elbow.pos"),
+        ("observation.state.elbow.pos", "elbow.pos"),
+        ("state.elbow.pos", "elbow.pos"),
+        ("leader_elbow", "elbow"),
+        ("Observation 3", "3"),
+        ("action", "action"),
+        ("goal.x", "goal.x"),
+    ],
+)
+def test_names_are_compared_without_the_word_that_says_which_it_is(name, short):
+    assert _ROLE_WORDS.sub("", name.lower()) == short
+
+
+def test_pairs_are_those_of_the_same_name_in_any_order():
+    shuffled = [(x[:, [2, 0, 3, 1]], a) for x, a in CLEAN]
+    states = ("state.c", "state.a", "state.d", "state.b")
+    tracked = learned(shuffled, states, ("action.a", "action.b", "action.c", "action.d")).tracked
+    assert (tracked.action.tolist(), tracked.state.tolist()) == ([4, 5, 6, 7], [1, 3, 0, 2])
+    assert (tracked.lag, tracked.is_command, tracked.fits.all()) == (2, True, True)
+
+
+def test_where_names_tell_nothing_what_follows_best_goes_with_an_action():
+    episodes = [(np.c_[x[:, :1] ** 2, x[:, [2, 0, 3, 1]]], a) for x, a in CLEAN]
+    tracked = learned(episodes, ("p", "q", "r", "s", "t"), ("a", "b", "c", "d")).tracked
+    assert (tracked.action.tolist(), tracked.state.tolist()) == ([5, 6, 7, 8], [2, 4, 1, 3])
+
+
+def test_actions_in_another_unit_are_no_commands():
+    tracked = learned([(x, a / 60) for x, a in CLEAN]).tracked
+    assert not tracked.is_command
+    np.testing.assert_allclose(tracked.slope, 1 / 60, rtol=0.05)
+
+
+def test_a_relation_is_a_slope_a_correlation_and_the_better_partner():
+    rng = np.random.default_rng(0)
+    states = np.cumsum(rng.normal(size=(3, 300)), axis=1)
+    slope, share, best, mine, other = relation(states[[1, 0, 2]] * [[1], [1], [-2]], states, False)
+    assert best.tolist()[:2] == [1, 0]
+    assert slope[2] == pytest.approx(-2)
+    assert share[2] == pytest.approx(1)
+    np.testing.assert_allclose(other[:2], 0, atol=1e-9)
+    assert (mine[:2] > 0.1).all()
+
+
+def test_misfits_are_least_at_the_lag():
+    class Block:
+        offsets = np.cumsum([0, *(len(x) for x, _ in CLEAN)])
+        values = np.concatenate([np.c_[x, a] for x, a in CLEAN]).T
+        columns = type("C", (), {"spread": np.ones(8)})
+
+    found = learned(CLEAN)
+    left = misfits(Block, found.tracked)
+    assert (left.argmin(axis=1) - settings.MAX_SHIFT).tolist() == [2] * 8
+    assert left.min() < 1e-4
