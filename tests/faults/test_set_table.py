@@ -52,7 +52,9 @@ def test_what_is_wrong_is_in_its_cell_and_has_a_remedy():
     assert found.actions[2][1:4] == ("0 to 0", "", "constant")
     assert float(found.facts["idle share"].split()[0]) == pytest.approx(100 * 50 / 225, abs=4)
     assert any(line.endswith("leave it out") for line in found.stumbles)
-    assert any(line.endswith("rpil keep FILE -o NEW --trim") for line in found.stumbles)
+    assert any(
+        line.endswith("; rpil check FILE --format json lists the steps to keep under trims") for line in found.stumbles
+    )
     moved = sorted(table_of(frame(moved=(2, 3))).stumbles)
     assert [line.partition(" ")[2][:30] for line in moved] == [
         "2: action.0 is 2 above state.0",
@@ -90,3 +92,13 @@ def test_actions_contradict_where_near_states_have_others(apart, share):
     assert contradicting(states, codes) == share
     far = np.linspace(0, 1e4, 80)[None]
     assert contradicting(far, block) == 0
+
+
+def test_it_is_the_first_panel_of_the_page(tmp_path):
+    frame(constant=True, idle=50).to_csv(tmp_path / "drive.csv", index=False)
+    ok("audit", str(tmp_path / "drive.csv"), "--report", str(tmp_path / "page.html"), "-q")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert page.index('id="set"') < page.index('id="odd"')
+    assert "<td>tracking error</td>" in page
+    assert "<td>constant</td>" in page
+    assert "lists the steps to keep under trims" in page

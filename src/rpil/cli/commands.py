@@ -231,6 +231,7 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: Stag
 def about(run: AuditRun) -> About:
     """What the report shows beside the audit."""
     from rpil.data.privacy import for_others
+    from rpil.faults.set_table import set_table
     from rpil.results.html.page import About, no_faults
 
     read, lerobot = run.recording.description, run.recording.description.format.startswith("LeRobot")
@@ -241,6 +242,7 @@ def about(run: AuditRun) -> About:
         read=tuple(map(for_others, read.short())),
         lost=run.lost,
         faults=run.faults or no_faults(),
+        table=set_table(run.recording, run.faults, Path(source).name) if run.faults else None,
         tasks=run.recording.tasks,
         demonstrators=run.demonstrators,
         lerobot=lerobot,

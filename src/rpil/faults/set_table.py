@@ -17,8 +17,9 @@ from rpil.formats.recording import Recording
 from rpil.numerics.types import Array, Float
 
 HEADER = ("action", "range", "at limits", "constant", "wraps", "lag", "tracking error")
-MENDS = {"idle head": " --trim", "idle tail": " --trim", "missing episodes": ""}
-"""Options of rpil keep that mend what a rule finds."""
+IDLE_ENDS = "rpil check {} --format json lists the steps to keep under trims"
+MENDS = {"idle head": IDLE_ENDS, "idle tail": IDLE_ENDS, "missing episodes": "rpil keep {} -o NEW numbers them anew"}
+"""What mends the findings of a rule; of others, `rpil keep` without the demonstrations."""
 
 
 @dataclass(frozen=True)
@@ -34,11 +35,14 @@ class SetTable:
         rows = [dict(zip(HEADER, row, strict=True)) for row in self.actions]
         return {"set": self.facts, "actions": rows, "stumbles": self.stumbles}
 
+    def panels(self) -> list[list[tuple[str, ...]]]:
+        """The rows of two tables, of the set and of its actions, their headers first."""
+        return [[("of the set", ""), *self.facts.items()], [HEADER, *self.actions]]
+
     def lines(self) -> list[str]:
         """In Markdown, for a terminal and for a dataset card."""
         lines: list[str] = []
-        every: list[list[tuple[str, ...]]] = [[("of the set", ""), *self.facts.items()], [HEADER, *self.actions]]
-        for rows in every:
+        for rows in self.panels():
             widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
             table = [" | ".join(f"{cell:<{n}}" for cell, n in zip(row, widths, strict=True)) for row in rows]
             lines += [f"| {table[0]} |", f"|{'|'.join('-' * (n + 2) for n in widths)}|"]
@@ -122,7 +126,7 @@ def _stumbles(report: FaultReport, source: str) -> list[str]:
         if one.grade != "broken" and one.rule not in MENDS:
             continue
         some = one.id != "" or 0 < len(one.ids) < len(report.ids)
-        options = MENDS.get(one.rule, f" --without-faults {one.rule.replace(' ', '-')}" if some else None)
-        mend = "" if options is None else f"; rpil keep {source} -o NEW{options}"
+        mend = MENDS.get(one.rule, f"rpil keep {{}} -o NEW --without-faults {one.rule.replace(' ', '-')}" * some)
+        mend = f"; {mend.format(source)}" if mend else ""
         lines.append(f"{NUMBERS[one.rule]} {one.id}{': ' if one.id != '' else ''}{one.sentence}{mend}")
     return lines

@@ -18,6 +18,7 @@ from markupsafe import Markup
 from rpil.data.files import replacing
 from rpil.data.text import MAX_IDS, counted, printable
 from rpil.faults.report import RULES, FaultReport
+from rpil.faults.set_table import SetTable
 from rpil.inference.findings import DECIDED
 from rpil.numerics.types import Array, Int
 from rpil.results.answering import NEXT_STEPS, looking_order, stretch_of
@@ -57,6 +58,8 @@ class About:
     read: tuple[str, ...] = ()
     lost: tuple[str, ...] = ()
     faults: FaultReport = field(default_factory=no_faults)
+    table: SetTable | None = None
+    """The set in one table, which stands first."""
     tasks: Mapping[str, str] = field(default_factory=dict)
     """By ids as text, as `demonstrators`."""
     demonstrators: Mapping[str, str] = field(default_factory=dict)
