@@ -57,10 +57,13 @@ def test_what_is_wrong_is_in_its_cell_and_has_a_remedy():
     )
     moved = sorted(table_of(frame(moved=(2, 3))).stumbles)
     assert [line.partition(" ")[2][:30] for line in moved] == [
-        "2: action.0 is 2 above state.0",
-        "3: action.0 is 2 above state.0",
+        "demonstration 2: action.0 is 2",
+        "demonstration 3: action.0 is 2",
     ]
     assert moved[0].endswith("; rpil keep FILE -o NEW --without-faults offset")
+    read = rpil.open(frame(moved=(2, 3)), observations="state.*")
+    (line, _) = set_table(read, rpil.check(read), "my set.csv").stumbles
+    assert line.endswith("; rpil keep 'my set.csv' -o NEW.csv --without-faults offset")
     assert {row[4] for row in table_of(frame(wraps=True)).actions} == {"by 6.283"}
 
 
@@ -70,6 +73,10 @@ def test_the_table_is_markdown_and_json(tmp_path):
     lines = ok("info", "--set", str(path)).stdout.splitlines()
     assert lines[0].startswith("| of the set ")
     assert len({len(line) for line in lines if line.startswith("| action")}) == 1
+    named = frame().rename(columns={"action.0": "action.a|<b>x"})
+    named.to_csv(path, index=False)
+    (row,) = (line for line in ok("info", "--set", str(path)).stdout.splitlines() if "&lt;b&gt;x" in line)
+    assert row.startswith("| action.a\\|&lt;b&gt;x ")
     assert '"episodes": "10"' in ok("info", "--set", "--format", "json", str(path)).stdout
 
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
+from html import escape
+from pathlib import Path
 
 import numpy as np
 
 from rpil.data.demonstrations import Block
+from rpil.data.text import printable
 from rpil.faults import settings
 from rpil.faults.command_rules import CommandRule
 from rpil.faults.measured_columns import MovingBlock, pilot
@@ -18,8 +22,10 @@ from rpil.numerics.types import Array, Float
 
 HEADER = ("action", "range", "at limits", "constant", "wraps", "lag", "tracking error")
 IDLE_ENDS = "rpil check {} --format json lists the steps to keep under trims"
-MENDS = {"idle head": IDLE_ENDS, "idle tail": IDLE_ENDS, "missing episodes": "rpil keep {} -o NEW numbers them anew"}
-"""What mends the findings of a rule; of others, `rpil keep` without the demonstrations."""
+MENDS = {"idle head": IDLE_ENDS, "idle tail": IDLE_ENDS, "missing episodes": "rpil keep {} -o {} numbers them anew"}
+"""The command that mends the findings of a rule; of others, `rpil keep` without the demonstrations."""
+SAY_THEMSELVES = ("two conventions", "wraps", "action is state", "constant")
+"""Rules whose sentences say what to do, as every demonstration can be mended."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +49,9 @@ class SetTable:
         """In Markdown, for a terminal and for a dataset card."""
         lines: list[str] = []
         for rows in self.panels():
-            widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-            table = [" | ".join(f"{cell:<{n}}" for cell, n in zip(row, widths, strict=True)) for row in rows]
+            cells = [[escape(cell).replace("|", "\\|") for cell in row] for row in rows]
+            widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+            table = [" | ".join(f"{cell:<{n}}" for cell, n in zip(row, widths, strict=True)) for row in cells]
             lines += [f"| {table[0]} |", f"|{'|'.join('-' * (n + 2) for n in widths)}|"]
             lines += [*(f"| {row} |" for row in table[1:]), ""]
         stumbles = ["What a trainer will stumble over:", *(f"- {one}" for one in self.stumbles)]
@@ -125,8 +132,9 @@ def _stumbles(report: FaultReport, source: str) -> list[str]:
     for one in report.lines:
         if one.grade != "broken" and one.rule not in MENDS:
             continue
-        some = one.id != "" or 0 < len(one.ids) < len(report.ids)
-        mend = MENDS.get(one.rule, f"rpil keep {{}} -o NEW --without-faults {one.rule.replace(' ', '-')}" * some)
-        mend = f"; {mend.format(source)}" if mend else ""
-        lines.append(f"{NUMBERS[one.rule]} {one.id}{': ' if one.id != '' else ''}{one.sentence}{mend}")
+        some = (one.id != "" or 0 < len(one.ids) < len(report.ids)) and one.rule not in SAY_THEMSELVES
+        mend = MENDS.get(one.rule, f"rpil keep {{}} -o {{}} --without-faults {one.rule.replace(' ', '-')}" * some)
+        mend = f"; {mend.format(shlex.quote(source), f'NEW{Path(source).suffix}')}" if mend else ""
+        who = f"demonstration {printable(one.id)}: " if one.id != "" else ""
+        lines.append(f"{NUMBERS[one.rule]} {who}{one.sentence}{mend}")
     return lines
