@@ -25,8 +25,6 @@ class CommandRule(ComparingRule):
         """What `relation` says of each demonstration, (M, P); three quantiles of the distance of each action from its
         state, (M, P); the steps that states need for the distance, (M,); and `misfits`."""
         pairs, found, turn = learned.tracked, [], block.turn[learned.tracked.action, None]
-        if not len(pairs.action):
-            return tuple(np.zeros((len(block.numbers), 0)) for _ in range(10))
         for actions, states in parts_of(block, pairs):
             gap = np.sort(actions - pairs.slope[:, None] * states, axis=1)
             gap -= turn * np.rint(np.median(gap, axis=1, keepdims=True) / np.where(turn > 0, turn, np.inf))
@@ -41,28 +39,20 @@ class CommandRule(ComparingRule):
 
 
 class ActionIsState(CommandRule):
-    name, words, grade = (
-        "action is state",
-        "the action is the state of the same step: a policy learns to stay",
-        "broken",
-    )
-    sentence = "the action is the state of the same step: a policy learns to stay; take the state of a later step"
+    name, grade = "action is state", "broken"
+    words = "the action is the state of the same step: a policy learns to stay"
+    sentence = f"{words}; take the state of a later step"
 
     def compare(self) -> Compared:
         left, zero = self.measured[-1], settings.MAX_SHIFT
         beside = left[:, [zero - 1, zero + 1]].min(axis=1)
         is_known = self.data.learned.tracked.is_command & (beside > 0)
         value = np.where(is_known, left[:, zero] / np.maximum(beside, 1e-300), 1.0)
-        return (
-            value,
-            settings.IS_STATE,
-            np.where(is_known, np.minimum(settings.IS_STATE / (value + 1e-12), 1e6), np.nan),
-        )
+        severity = np.where(is_known, np.minimum(settings.IS_STATE / (value + 1e-12), 1e6), np.nan)
+        return value, settings.IS_STATE, severity
 
 
 class Exchanged(CommandRule):
-    """Actions that follow the states of each other, and not their own."""
-
     name, words, grade = "exchanged", "columns are in another order", "broken"
     sentence = "{column} goes with {other}: the columns of the action, or of the state, are in another order"
 
@@ -79,8 +69,6 @@ class Exchanged(CommandRule):
 
 
 class CommandAgainstState(CommandRule):
-    """Commands at another level, of another sign, or in another unit than the states that follow them."""
-
     name, words, grade = "offset", "a command is at another level than the state that follows it", "broken"
     causes = ("exchanged", "action is state", "never moves")
 

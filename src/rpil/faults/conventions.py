@@ -29,15 +29,11 @@ class ConstantAction(Rule):
             what = "its range is" if len(same) == 1 else "their ranges are"
             sentence = f"{listed(same)} in every step: {what} 0, by which min-max normalisation divides"
             column = same[0].rpartition(" is ")[0] if len(same) == 1 else ""
-            place = "", 0, 0, column, float(len(same)), 0.0, 1.0
-            yield Fault(
-                cls.name, *place, f"{sentence}; leave {'it' if len(same) == 1 else 'them'} out", demonstrations.ids
-            )
+            said = f"{sentence}; leave {'it' if len(same) == 1 else 'them'} out"
+            yield Fault(cls.name, "", 0, 0, column, float(len(same)), 0.0, 1.0, said, demonstrations.ids)
 
 
 class OutsideRange(ComparingRule):
-    """Actions beyond a limit that the others touch and never pass."""
-
     name, words, grade = "outside range", "an action passes a limit that the others touch", "broken"
     needs = ("several",)
     sentence = "{column} goes to {value:.4g}; the others touch {limit:.4g} and never pass it"
@@ -57,11 +53,10 @@ class OutsideRange(ComparingRule):
     def compare(self) -> Compared:
         (top, below), data = self.measured, self.data
         if not top.shape[1]:
-            return np.zeros(len(data.ids)), 0.0, np.zeros(len(data.ids))
+            return super().compare()
         self.names, n = data.learned.action_labels * 2, top.shape[1] // 2
-        others = np.unique(np.column_stack([top, below, data.lengths]), axis=0, return_index=True)[
-            1
-        ]  # copies tell no limit
+        # Copies tell no limit.
+        _, others = np.unique(np.column_stack([top, below, data.lengths]), axis=0, return_index=True)
         moves = np.isfinite(below[others])
         self.limits = np.array([limit_of(own[rows]) for own, rows in zip(top[others].T, moves.T, strict=True)])
         ranges = self.limits + np.median(np.roll(top, n, axis=1), axis=0)
@@ -93,8 +88,6 @@ def limit_of(tops: Float[Array, " M"]) -> float:
 
 
 class TwoEpisodes(ComparingRule):
-    """Rows of the demonstration before, or of the next one: it jumps where they end, and they go on from there."""
-
     name, words, grade = "two episodes", "it begins, or ends, with rows of another demonstration", "broken"
     needs = ("observations", "several")
     takes_steps = True
@@ -121,27 +114,16 @@ class TwoEpisodes(ComparingRule):
         return jump, limit, np.where(joined, jump / limit, 0.0) * (joined.sum() >= settings.FEWEST_DEMONSTRATIONS)
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        which = "its {} {} rows are those of the {}"
-        n = fault.last if self.early[m] else int(self.data.lengths[m]) - fault.last
-        return super().say(
-            fault, m, c, which=which.format(*(("first", n, "one before") if self.early[m] else ("last", n, "next one")))
-        )
+        which = f"its last {int(self.data.lengths[m]) - fault.last} rows are those of the next one"
+        if self.early[m]:
+            which = f"its first {fault.last} rows are those of the one before"
+        return super().say(fault, m, c, which=which)
 
 
 class Conventions(ComparingRule):
-    """Two parts of the set whose columns agree once two of them are exchanged, or the sign of one is changed."""
-
-    name, words, grade = (
-        "two conventions",
-        "two parts of the set have columns in another order, or of other signs",
-        "broken",
-    )
-    needs = ("columns", "several")
-
+    name, grade = "two conventions", "broken"
+    words = "two parts of the set have columns in another order, or of other signs"
     measure = TwoEpisodes.measure
-
-    def compare(self) -> Compared:
-        return (none := np.zeros(len(self.data.ids))), 1.0, none
 
     def findings(self) -> Iterator[Fault]:
         for column, rows, said in self.told():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rpil.data.text import counted, moment
+from rpil.data.text import counted
 from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock, means
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
@@ -61,6 +61,7 @@ class Jump(Leap):
     name, words = "jump", "a column jumps from one step to the next and stays there"
     causes = ("length", "frozen sensor", "frozen action", "saturation", "two episodes")
     sentence = "{column} jumps by {value:.3g} at {last} (usual: up to {threshold:.3g})"
+    sentence_of_all = "all columns jump at once at {last}: perhaps frames are missing"
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
@@ -100,14 +101,8 @@ class Jump(Leap):
         every, _, second = measured[4:7]
         low, high = np.quantile(every, [0.25, 0.75])
         usual = high + settings.FENCE * (high - low) + settings.LEAST_OF_ALL
-        return float(
-            min(usual, settings.NEXT_FACTOR * np.quantile(second, 0.75, method="lower") + settings.BEYOND_NEXT)
-        )
-
-    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        if fault.column:
-            return super().say(fault, m, c)
-        return f"all columns jump at once at {moment(fault.last, self.data.seconds)}: perhaps frames are missing"
+        beyond = settings.NEXT_FACTOR * np.quantile(second, 0.75, method="lower") + settings.BEYOND_NEXT
+        return float(min(usual, beyond))
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
@@ -132,16 +127,15 @@ class RepeatedFrames(ComparingRule):
         columns, offsets, actions = block.columns, block.offsets, block.block.actions
         size = block.size[~columns.is_action]
         changed: Array = np.any(size > 0, axis=0)
-        moves, least = block.motion, settings.REPEAT_MOTION * columns.motion
-        repeated, starts, bounds = RepeatedFrames.between(changed, moves > least, offsets)
+        least = settings.REPEAT_MOTION * columns.motion
+        repeated, starts, bounds = RepeatedFrames.between(changed, block.motion > least, offsets)
         longest = first_largest(repeated, bounds)
         out = np.add.reduceat(repeated, bounds), starts[longest] + 1 - offsets[:-1], repeated[longest]
         # A state that rests does not begin to move in the step in which the action changes, but after it.
         acted = np.append(True, (np.diff(actions.reshape(len(actions), -1), axis=0) != 0).any(axis=1))
         moved = np.minimum(size / columns.scale[~columns.is_action, None], 3.0).sum(axis=0) / max(len(size), 1)
-        repeated, starts, bounds = RepeatedFrames.between(
-            changed | acted, moved > settings.LEAST_MOTION * least, offsets
-        )
+        moves = moved > settings.LEAST_MOTION * least
+        repeated, starts, bounds = RepeatedFrames.between(changed | acted, moves, offsets)
         longest = first_largest(repeated, bounds)
         most, first = repeated[longest], starts[longest] + 1 - offsets[:-1]
         repeated[longest] = 0
@@ -212,8 +206,6 @@ class Scale(ComparingRule):
 
 
 class Wraps(ComparingRule):
-    """Angles that leap by a turn; the other rules see them unwrapped."""
-
     name, words, grade = "wraps", "an angle leaps by a turn where it wraps", "broken"
     needs = ("columns",)
     sentence = "{column} wraps: it leaps by {turn:.4g} {times}; unwrap it"

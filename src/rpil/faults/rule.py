@@ -200,7 +200,8 @@ class ComparingRule(Rule):
 
     needs: tuple[str, ...] = ("columns", "several")
     sentence: str
-    """What is seen, which may name the fields of `Fault`, and what `say` adds to them."""
+    sentence_of_all: str = ""
+    """What is seen, in a column and in all together, which may name the fields of `Fault`, and what `say` adds."""
     takes_steps = False
     """Whether it says nothing of demonstrations of fewer than `LEAST_STEPS`."""
 
@@ -224,8 +225,9 @@ class ComparingRule(Rule):
         return ()
 
     def compare(self) -> Compared:
-        """Compare what was measured of all demonstrations."""
-        raise NotImplementedError
+        """Compare what was measured of all demonstrations; here without a fault."""
+        nothing = np.zeros(len(self.data.ids))
+        return nothing, 1.0, nothing
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         """What is seen in a demonstration and a column. The sentence may name `others`, and as times where they are
@@ -233,7 +235,8 @@ class ComparingRule(Rule):
         seconds, length = self.data.seconds, fault.last - fault.first + 1
         times = {"first": moment(fault.first, seconds), "last": moment(fault.last, seconds)}
         times |= {"long": duration(length, seconds), "most": duration(fault.threshold, seconds)}
-        return self.sentence.format(**vars(fault) | times | others)
+        sentence = self.sentence if fault.column else self.sentence_of_all or self.sentence
+        return sentence.format(**vars(fault) | times | others)
 
     @property
     def silent(self) -> tuple[str, ...]:

@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 
-from rpil.data.text import moment
 from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock, not_recorded, ranges_and_zeros
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
@@ -29,10 +28,9 @@ class HeldValue(ComparingRule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """Of the run of one value that has most steps in motion: the number of these, its first step, its length and
-        the value; and the lowest and the highest value.
-        What rests with its partner, as a hand that is closed, does not stand still while others move: steps count in
-        which the partner changes. Then from where on no observation changes until the end, and in how many steps the
-        action does."""
+        the value; and the lowest and the highest value. A column rests with its partner, as a hand that is closed:
+        steps count in which that changes. Then from where on no observation changes, and in how many steps the action
+        does."""
         values, offsets, changed, partner = block.values, block.offsets, block.size > 0, block.columns.partner
         counts = block.moves & np.where(partner[:, None] < 0, True, changed[partner])
         still, first, length = longest_runs(changed, counts, offsets)
@@ -58,7 +56,7 @@ class HeldValue(ComparingRule):
         return above(value, np.where(moving >= settings.MOVING_SHARE, limit, np.inf))
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        return super().say(fault, m, c, at=f"{self.at[m, c]:.4g}")
+        return super().say(fault, m, c, at=f"{self.at[m, c]:.4g}" if fault.column else "")
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
@@ -71,18 +69,13 @@ class HeldValue(ComparingRule):
 class FrozenSensor(HeldValue):
     name, words = "frozen sensor", "an observation stays the same for long while others change"
     needs = "observations", "several"
+    sentence_of_all = "all observations stay the same from {first} on, while the action changes"
     kinds = (False,)
 
     def compare(self) -> Compared:
         of_columns, (first, n) = super().compare(), self.measured[-2:]
         of_all = n, settings.MIN_FROZEN, np.where(n >= settings.MIN_FROZEN, n, 0) / 6.0
         return self.with_all(of_columns, of_all, first, first + n)
-
-    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        if fault.column:
-            return super().say(fault, m, c)
-        seconds = self.data.seconds
-        return f"all observations stay the same from {moment(fault.first, seconds)} on, while the action changes"
 
 
 class FrozenAction(HeldValue):
@@ -97,9 +90,6 @@ class Saturation(HeldValue):
 
 
 class NeverMoves(ComparingRule):
-    """Columns that move in the others, about as far in each, and never in this one, which more than a few may have
-    where the columns are not recorded."""
-
     name, words = "never moves", "a column does not move, and in the others it does"
     sentence = "{column} does not move, and in the others it does"
     takes_steps = True
@@ -118,13 +108,13 @@ class NeverMoves(ComparingRule):
         are_few = still.sum(axis=0) <= few(len(still))
         is_known = are_few & (low >= settings.STEADY_RANGE * usual) & (settings.STEADY_RANGE * high <= usual)
         still &= (self.data.lengths > 1)[:, None]  # a single step says nothing of motion
-        value, threshold, severity = above(still, np.where(is_known & (usual > 0), 0.5, np.inf))
+        severity = np.where(is_known & (usual > 0), 2.0 * still, np.nan)
         pairs, far = self.data.learned.tracked, settings.PARTNER_MOVES * self.columns.spread
         for a, s in zip(pairs.action, pairs.state, strict=True):
             for own, other in ((a, s), (s, a)) if pairs.is_command else ():  # what goes with it moves
                 severity[:, own] = np.where(still[:, own] & (ranges[:, other] > far[other]), 2.0, severity[:, own])
         alike = still * np.minimum(low, high) / np.maximum(high, 1e-300)  # the more it moves so in all others
-        return value, np.where(np.isfinite(threshold), threshold, 0.5), np.where(self.absent, 1e6, severity) + alike
+        return still, 0.5, np.where(self.absent, 1e6, severity) + alike
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         if self.absent[m, c]:
@@ -134,9 +124,8 @@ class NeverMoves(ComparingRule):
 
 def few(n_demonstrations: int) -> float:
     """Demonstrations that may have a fault of some kinds; what more have is usual."""
-    return min(
-        max(settings.FEW, math.ceil(settings.FEW_SHARE * n_demonstrations)), settings.MOST_FEW * n_demonstrations
-    )
+    least = max(settings.FEW, math.ceil(settings.FEW_SHARE * n_demonstrations))
+    return min(least, settings.MOST_FEW * n_demonstrations)
 
 
 def largest(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Float[Array, "M C"], Int[Array, "M C"]]:
@@ -239,22 +228,14 @@ def idle_runs(block: MovingBlock, is_command: bool) -> tuple[Array, ...]:
     since = np.minimum.reduceat(np.where(acted, steps, len(steps)), begins) - begins - 1
     until = ends - np.maximum.reduceat(np.where(acted, steps, -1), begins) - 1
     ever = acts[ends] > acts[begins]  # an action that never changes tells nothing
-    exact = [
-        np.where(ever & (same >= settings.MIN_IDLE), np.minimum(n, same), 0)
-        for n, same in ((head, since), (tail, until))
-    ]
     # What is steady may go on: of speeds, the action is none.
     none = is_command | (actions == 0).all(axis=1)
-    places = begins, ends - 1, np.minimum(begins + first + middle // 2, len(steps) - 1)
-    rest_of = [np.where(none[at], n, 0) for n, at in zip((*exact, middle), places, strict=True)]
-    head, tail = (
-        np.where(same > 0, same, np.maximum(n - w, 0) * is_command)
-        for n, same in zip((head, tail), rest_of[:2], strict=True)
-    )
-    inner = np.clip(begins + first + w, 0, len(steps)), np.clip(begins + first + middle - w, 0, len(steps))
-    still = ever & (acts[inner[1]] <= acts[inner[0]])
-    first, middle = (
-        np.where(still, first, first + w // 2),
-        np.where(still, rest_of[2], np.maximum(middle - w, 0) * is_command),
-    )
-    return head, tail, first, middle, *exact
+    exact, idle = [], []
+    for n, same, at in ((head, since, begins), (tail, until, ends - 1)):
+        exact.append(np.where(ever & (same >= settings.MIN_IDLE), np.minimum(n, same), 0))
+        idle.append(np.where((exact[-1] > 0) & none[at], exact[-1], np.maximum(n - w, 0) * is_command))
+    middle = middle * none[np.minimum(begins + first + middle // 2, len(steps) - 1)]
+    early, late = (np.clip(begins + first + at, 0, len(steps)) for at in (w, middle - w))
+    still = ever & (acts[late] <= acts[early])
+    middle = np.where(still, middle, np.maximum(middle - w, 0) * is_command)
+    return *idle, np.where(still, first, first + w // 2), middle, *exact

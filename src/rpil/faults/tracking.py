@@ -126,18 +126,15 @@ def misfits(block: MovingBlock, pairs: Tracked) -> Float[Array, "M K"]:
     spread = block.columns.spread[own, None]
     actions = block.values[own] / spread
     states = block.values[pairs.state[fits]] * pairs.slope[fits, None] / spread
-    out = []
-    for lag in (None, *range(-settings.MAX_SHIFT, settings.MAX_SHIFT + 1)):
-        late, early = max(lag or 0, 0), max(-(lag or 0), 0)
-        off = np.zeros_like(actions)
-        n = off.shape[1] - late - early
-        off[:, early : early + n] = actions[:, early : early + n]
-        if lag is not None:  # first the variance itself
-            off[:, early : early + n] -= states[:, late : late + n]
-        if lag:  # where the state would be of another demonstration
-            ends = offsets[1:, None] - 1 - np.arange(late) if late else offsets[:-1, None] + np.arange(early)
-            off[:, np.clip(ends, 0, off.shape[1] - 1)] = 0.0
-        steps = np.maximum(lengths - late - early, 1)
-        mean, square = (np.add.reduceat(x, offsets[:-1], axis=1) / steps for x in (off, off**2))
-        out.append(np.maximum(square - mean**2, 0.0).sum(axis=0))
-    return np.asarray(np.stack(out[1:], axis=1) / np.maximum(out[0], 1e-12)[:, None])
+    begin, end, at = *(np.repeat(each, lengths) for each in (offsets[:-1], offsets[1:])), np.arange(offsets[-1])
+    variances = []
+    for lag in range(-settings.MAX_SHIFT, settings.MAX_SHIFT + 1):
+        inside = (at + lag >= begin) & (at + lag < end)  # else the state is of another demonstration
+        variances.append(_variance((actions - np.roll(states, -lag, axis=1)) * inside, lengths - abs(lag), offsets))
+    return np.asarray(np.stack(variances, axis=1) / np.maximum(_variance(actions, lengths, offsets), 1e-12)[:, None])
+
+
+def _variance(values: Float[Array, "P T"], steps: Int[Array, " M"], offsets: Int[Array, " _"]) -> Float[Array, " M"]:
+    """Of so many steps of each demonstration that are not 0, the sum over the rows."""
+    mean, square = (np.add.reduceat(x, offsets[:-1], axis=1) / np.maximum(steps, 1) for x in (values, values**2))
+    return np.asarray(np.maximum(square - mean**2, 0.0).sum(axis=0))

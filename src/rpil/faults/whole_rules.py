@@ -116,8 +116,6 @@ class OtherLag(ComparingRule):
 
 
 class Sign(ComparingRule):
-    """A few demonstrations in which an action and what follows it have the opposite correlation."""
-
     name, words = "sign", "an action, or the state that follows it, has the other sign than usual"
     sentence = "{column}, or what follows it, has the other sign"
     needs = ("lag", "several")
@@ -140,8 +138,6 @@ class Sign(ComparingRule):
 
 
 class FrameRate(CommandRule):
-    """A few demonstrations that go farther in a step, and whose states come nearer to their commands in a step."""
-
     name, words = "frame rate", "its frames come at another rate, or it moves in one step as the others do in two"
     sentence = "its states go {value:.2g} times as far in a step by the same action: perhaps steps are missing"
     needs = ("commands", "several")
@@ -161,8 +157,6 @@ class FrameRate(CommandRule):
 
 
 class Duplicate(Rule):
-    """Of each demonstration that is the same as an earlier one, or nearly: the earlier one."""
-
     name, words = "duplicate", "another demonstration is the same, or nearly"
     causes = ("never moves",)
 
@@ -233,8 +227,7 @@ def near_limit(distance: Array) -> float:
 class IdleEnd(ComparingRule):
     """Idle beginnings and ends, which may be trimmed."""
 
-    part = 0
-    """Of the beginning, 0, the end, 1, or between, 2."""
+    part = 0  # of the beginning, 0, the end, 1, or between, 2
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
