@@ -17,8 +17,7 @@ class Pair:
 
     action: int
     state: int
-    of_change: bool
-    """Whether the changes of the state are aligned with the action (a speed), rather than its level (a position)."""
+    of_change: bool  # whether the changes of the state are aligned with it (a speed), not its level (a position)
     memory: Float[Array, " P"]
     """How the action follows from its last P values. It is taken out of both series (Box and Jenkins 1970,
     prewhitening), without which a slow action is correlated with what happens at many lags."""

@@ -121,39 +121,35 @@ class RepeatedFrames(ComparingRule):
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """Number of repeated rows between rows that move, and the first step and the length of the longest
-        repetition; then, of rows that repeat the action as well, the length of the longest and of the next repetition,
-        and the first step of the former."""
+        """The first three of `between`; and, of rows that repeat the action as well, the others."""
         columns, offsets, actions = block.columns, block.offsets, block.block.actions
         size = block.size[~columns.is_action]
         changed: Array = np.any(size > 0, axis=0)
         least = settings.REPEAT_MOTION * columns.motion
-        repeated, starts, bounds = RepeatedFrames.between(changed, block.motion > least, offsets)
-        longest = first_largest(repeated, bounds)
-        out = np.add.reduceat(repeated, bounds), starts[longest] + 1 - offsets[:-1], repeated[longest]
+        of_states = RepeatedFrames.between(changed, block.motion > least, offsets)
         # A state that rests does not begin to move in the step in which the action changes, but after it.
         acted = np.append(True, (np.diff(actions.reshape(len(actions), -1), axis=0) != 0).any(axis=1))
         moved = np.minimum(size / columns.scale[~columns.is_action, None], 3.0).sum(axis=0) / max(len(size), 1)
         moves = moved > settings.LEAST_MOTION * least
-        repeated, starts, bounds = RepeatedFrames.between(changed | acted, moves, offsets)
-        longest = first_largest(repeated, bounds)
-        most, first = repeated[longest], starts[longest] + 1 - offsets[:-1]
-        repeated[longest] = 0
-        return *out, most, np.maximum.reduceat(repeated, bounds), first
+        return *of_states[:3], *RepeatedFrames.between(changed | acted, moves, offsets)[1:]
 
     @staticmethod
-    def between(changed: Array, moves: Array, offsets: Array) -> tuple[Array, Array, Array]:
-        """Rows after the first of each run without a change, where it lies between rows that move, or else 0; where the
-        runs begin; and the number of the first run of each demonstration."""
+    def between(changed: Array, moves: Array, offsets: Array) -> tuple[Array, ...]:
+        """Repeated rows between rows that move; the first step and the length of the longest repetition; and the length
+        of the next."""
         runs, starts, bounds = runs_of(changed[None], offsets)
         is_first = np.zeros(len(starts), dtype=bool)
         is_first[bounds] = True
         after = np.append(starts[1:], 0)
         inside = ~is_first & ~np.append(is_first[1:], True) & moves[starts] & moves[after]
-        return np.where(inside, runs - 1, 0), starts, bounds
+        repeated = np.where(inside, runs - 1, 0)
+        longest, number = first_largest(repeated, bounds), np.add.reduceat(repeated, bounds)
+        length = repeated[longest]
+        repeated[longest] = 0
+        return number, starts[longest] + 1 - offsets[:-1], length, np.maximum.reduceat(repeated, bounds)
 
     def compare(self) -> Compared:
-        repeats, first, length, most, second, at = self.measured
+        repeats, first, length, at, most, second = self.measured
         value, limit, severity = above(repeats, self.fence(repeats, 1.0, settings.SMALLEST_REPEAT))
         whole = most >= max(settings.REPEATED_ROWS, settings.NEXT_FACTOR * np.quantile(second, 0.75))
         self.first, self.last = np.where(whole, at, first), np.where(whole, at + most, first + length) - 1

@@ -113,9 +113,8 @@ class Learned:
         labels = column_labels(demonstrations)
         sample = learn_columns(block, numbers, labels)
         pairs, partner = find_lag(sample, settings.MAX_LAG)
-        n = demonstrations.n_observations
         columns = replace(sample.columns, partner=partner)
-        return cls(columns, pairs, find_tracked(sample), labels[n:])
+        return cls(columns, pairs, find_tracked(sample), labels[demonstrations.n_observations :])
 
 
 GRADES = "broken", "suspect", "odd"
@@ -161,18 +160,13 @@ class Rule:
     """A rule without a model; see docs/faults.md."""
 
     name: str
-    words: str
-    """What it finds."""
-    grade: str = "suspect"
-    """One of `GRADES`."""
-    needs: tuple[str, ...] = ()
-    """What must be there, keys of `Measurements.lacking`."""
+    words: str  # what it finds
+    grade: str = "suspect"  # one of `GRADES`
+    needs: tuple[str, ...] = ()  # what must be there, keys of `Measurements.lacking`
     unknown = "demonstrations move too little, or differ too much in this, to know what is usual"
     """Why it says nothing where it applies and nothing can be known."""
-    causes: tuple[str, ...] = ()
-    """Rules whose findings explain those of this rule in the same demonstration."""
-    named: ClassVar[dict[str, type[Rule]]] = {}
-    """Every rule that has a name."""
+    causes: tuple[str, ...] = ()  # rules whose findings explain those of this rule in the same demonstration
+    named: ClassVar[dict[str, type[Rule]]] = {}  # every rule that has a name
 
     def __init_subclass__(cls) -> None:
         if "name" in vars(cls):
@@ -202,8 +196,7 @@ class ComparingRule(Rule):
     sentence: str
     sentence_of_all: str = ""
     """What is seen, in a column and in all together, which may name the fields of `Fault`, and what `say` adds."""
-    takes_steps = False
-    """Whether it says nothing of demonstrations of fewer than `LEAST_STEPS`."""
+    takes_steps = False  # whether it says nothing of demonstrations of fewer than `LEAST_STEPS`
 
     def __init__(self, data: Measurements) -> None:
         self.data, self.columns = data, data.learned.columns
@@ -260,12 +253,9 @@ class ComparingRule(Rule):
         """What was compared of the columns, and beside them, as one without a name, of all of them together."""
         shape, self.names = (len(self.data.ids), 1), (*self.names, "")
         self.first, self.last = (np.column_stack(each) for each in ((self.first, first), (self.last, last)))
-        value, threshold, severity = (
-            np.column_stack(
-                [np.broadcast_to(one, np.shape(of_columns[0])), np.broadcast_to(np.reshape(each, (-1, 1)), shape)]
-            )
-            for one, each in zip(of_columns, of_all, strict=True)
-        )
+        of_columns = np.broadcast_arrays(*of_columns)
+        own = (np.broadcast_to(np.reshape(each, (-1, 1)), shape) for each in of_all)
+        value, threshold, severity = map(np.column_stack, zip(of_columns, own, strict=True))
         return value, threshold, severity
 
     def fence(self, values: Array, factor: float, least: Array | float) -> Array:

@@ -6,6 +6,7 @@ Arrays are (C, T), as in `rpil.faults.measured_columns`.
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -21,8 +22,7 @@ class HeldValue(ComparingRule):
 
     sentence = "{column} stays at {at} for {long} from {first} while others move (usual: up to {most})"
     causes = ("length", "idle tail", "pause", "two episodes")
-    kinds: tuple[bool, ...] = (False, True)
-    """Whether the columns that the rule is about are actions."""
+    kinds: tuple[bool, ...] = (False, True)  # whether the columns that the rule is about are actions
     is_extreme = False
 
     @staticmethod
@@ -196,7 +196,7 @@ def resting_runs(block: MovingBlock) -> Runs:
     total = np.cumsum(np.pad(block.values[tells], ((0, 0), (1, 0))), axis=1)
     means = (total[:, w:] - total[:, :-w]) / w  # of steps t to t + w - 1
     rests = (np.abs(means[:, w:] - means[:, :-w]) <= band).all(axis=0)
-    for m, (begin, end) in enumerate(zip(block.offsets[:-1].tolist(), block.offsets[1:].tolist(), strict=True)):
+    for m, (begin, end) in enumerate(itertools.pairwise(block.offsets.tolist())):
         if end - begin <= 2 * w:
             continue
         own = np.concatenate([[False], rests[begin : end - 2 * w + 1], [False]])

@@ -8,6 +8,7 @@ demonstration is needed to know it.
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -29,17 +30,12 @@ _ROLE_WORDS = re.compile(
 class Tracked:
     """P actions and the states that go with them."""
 
-    action: Int[Array, " P"]
+    action: Int[Array, " P"]  # a number of `MeasuredColumns`, as the next one
     state: Int[Array, " P"]
-    """Both are numbers of `MeasuredColumns`."""
-    slope: Float[Array, " P"]
-    """How the action changes with its state: 1 where it is a command in the unit of the state."""
-    fits: Bool[Array, " P"]
-    """Whether it usually does."""
-    lag: int = 0
-    """Steps after which the states usually follow."""
-    is_command: bool = False
-    """Whether the actions are known to be commands in the units of the states."""
+    slope: Float[Array, " P"]  # how the action changes with its state: 1 where it is a command in the unit of the state
+    fits: Bool[Array, " P"]  # whether it usually does
+    lag: int = 0  # steps after which the states usually follow
+    is_command: bool = False  # whether the actions are known to be commands in the units of the states
 
 
 def find_tracked(sample: MovingBlock) -> Tracked:
@@ -85,12 +81,10 @@ def parts_of(block: MovingBlock, pairs: Tracked) -> Iterator[tuple[Array, Array]
     """The actions and the states of each demonstration, (P, T), the states taken later by the lag."""
     late, early = max(pairs.lag, 0), max(-pairs.lag, 0)
     actions, states = block.values[pairs.action], block.values[pairs.state]
-    for begin, end in zip(block.offsets[:-1].tolist(), block.offsets[1:].tolist(), strict=True):
-        cut = min(late + early, max(end - begin - 2, 0))  # of a demonstration that is shorter, nothing is known
-        yield (
-            actions[:, begin + min(early, cut) : end - min(late, cut)],
-            states[:, begin + min(late, cut) : end - min(early, cut)],
-        )
+    for begin, end in itertools.pairwise(block.offsets.tolist()):
+        most = max(end - begin - 2, 0)  # of a demonstration that is shorter, nothing is known
+        first, last = min(early, most), min(late, most)
+        yield actions[:, begin + first : end - last], states[:, begin + last : end - first]
 
 
 def squared_correlation(actions: Float[Array, "A T"], states: Float[Array, "S T"]) -> Float[Array, "A S"]:

@@ -253,9 +253,8 @@ class IdleEnd(ComparingRule):
     def compare(self) -> Compared:
         idle, rest, lengths = self.measured[self.part], self.measured[3 + self.part], self.data.lengths
         factor, least = settings.USUAL_FACTOR, settings.MIN_IDLE
-        idle, limit, severity = above(idle, np.maximum(self.fence(idle, factor, least / factor), least))
-        long = is_long(rest, lengths, self.part)
-        idle = np.where(long, np.maximum(idle, rest), idle)
+        _, limit, severity = above(idle, np.maximum(self.fence(idle, factor, least / factor), least))
+        idle, long = idle_steps(self.data, self.part)
         self.first = (self.first, lengths - idle, self.measured[6])[self.part]
         self.last = self.first + idle - 1
         severity = np.where(long, np.fmax(severity, rest / settings.LONG_IDLE), severity)
@@ -279,18 +278,16 @@ class Pause(IdleEnd):
     part = 2
 
 
-def is_long(rest: Int[Array, " M"], lengths: Int[Array, " M"], part: int) -> Bool[Array, " M"]:
-    """Whether so many steps at rest are idle however usual they are."""
-    return np.asarray((rest >= np.maximum(settings.LONG_IDLE, settings.IDLE_SHARE[part] * lengths)) & (rest < lengths))
+def idle_steps(data: Measurements, part: int) -> tuple[Int[Array, " M"], Bool[Array, " M"]]:
+    """Idle steps of a part, and whether there are so many that they are idle however usual."""
+    idle, rest = (data.measured[IdleEnd.measure][part + k] for k in (0, 3))
+    long = (rest >= np.maximum(settings.LONG_IDLE, settings.IDLE_SHARE[part] * data.lengths)) & (rest < data.lengths)
+    return np.where(long, np.maximum(idle, rest), idle), long
 
 
 def trims(data: Measurements) -> dict[Id, tuple[int, int]]:
     """The steps to keep of each demonstration with idle ends, whether they are usual or not."""
-    least = settings.MIN_IDLE
-    head, tail, _, *rest = (np.where(idle >= least, idle, 0) for idle in data.measured[IdleEnd.measure][:5])
-    head, tail = (
-        np.where(is_long(n, data.lengths, 0), np.maximum(of, n), of) for of, n in zip((head, tail), rest, strict=True)
-    )
+    head, tail = (n * (n >= settings.MIN_IDLE) for n, _ in (idle_steps(data, part) for part in (0, 1)))
     end = data.lengths - tail
     idle = np.flatnonzero((head + tail > 0) & (head < end)).tolist()
     return {data.ids[m]: (int(head[m]), int(end[m])) for m in idle}
