@@ -24,12 +24,11 @@ class ConstantAction(Rule):
     def find(cls, demonstrations: DemonstrationSet, learned: Learned) -> Iterator[Fault]:
         """Those whose range is 0."""
         low, high, of = demonstrations.low, demonstrations.high, learned.action_labels
-        same = [f"{name} is {low[a]:.4g}" for a, name in enumerate(of) if low[a] == high[a]]
-        if same:
-            what = "its range is" if len(same) == 1 else "their ranges are"
-            sentence = f"{listed(same)} in every step: {what} 0, by which min-max normalisation divides"
-            column = same[0].rpartition(" is ")[0] if len(same) == 1 else ""
-            said = f"{sentence}; leave {'it' if len(same) == 1 else 'them'} out"
+        if same := [a for a in range(len(of)) if low[a] == high[a]]:
+            every = listed([f"{of[a]} is {low[a]:.4g}" for a in same])
+            what, them = ("their ranges are", "them") if len(same) > 1 else ("its range is", "it")
+            column = "" if len(same) > 1 else of[same[0]]
+            said = f"{every} in every step: {what} 0, by which min-max normalisation divides; leave {them} out"
             yield Fault(cls.name, "", 0, 0, column, float(len(same)), 0.0, 1.0, said, demonstrations.ids)
 
 
@@ -139,18 +138,15 @@ class Conventions(ComparingRule):
         is_action, names, features = self.columns.is_action, self.columns.names, np.stack(self.measured[:3])
         pairs, groups = self.data.learned.tracked, [(c, two_groups(features[0, :, c])) for c in range(len(names))]
         commands = {*pairs.action.tolist(), *pairs.state.tolist()} if pairs.is_command else set[int]()
-        parts = [
-            (c, rows, features[:, rows, c].mean(axis=1), features[:, ~rows, c].mean(axis=1))
-            for c, rows in groups
-            if rows is not None
-        ]
-        for (i, rows, u, v), (j, other, x, y) in itertools.combinations_with_replacement(parts, 2):
+        parts = [(c, rows) for c, rows in groups if rows is not None]
+        for (i, rows), (j, other) in itertools.combinations_with_replacement(parts, 2):
+            if not (rows == other).all() and not (rows != other).all():
+                continue
+            (u, x), (v, y) = (features[:, of][..., [i, j]].mean(axis=1).T for of in (rows, ~rows))
             least = settings.ALIKE * np.abs(u - v).min()
-            x, y = (x, y) if (rows == other).all() else (y, x)
             if i == j and i in commands and np.abs(u + v).max() <= least:
                 yield names[i], rows, f"{names[i]} has another sign"
-            is_same = (rows == other).all() or (rows != other).all()
-            if i != j and is_same and is_action[i] == is_action[j] and np.abs([u - y, v - x]).max() <= least:
+            if i != j and is_action[i] == is_action[j] and np.abs([u - y, v - x]).max() <= least:
                 yield names[i], rows, f"{names[i]} and {names[j]} are in another order"
 
 

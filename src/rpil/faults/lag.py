@@ -94,10 +94,7 @@ def shifts(block: MovingBlock, pairs: tuple[Pair, ...]) -> tuple[Array, Array, F
     adds to their agreement, relative to the agreement that is usual; and the correlation of each pair at its usual lag,
     positive where it is of the usual sign."""
     offsets, n_demonstrations, largest = block.offsets, len(block.numbers), settings.MAX_SHIFT
-    signs = np.zeros((n_demonstrations, len(pairs)))
-    if not pairs:
-        return np.zeros(n_demonstrations, dtype=np.int64), np.zeros(n_demonstrations), signs
-    agreement = np.zeros((n_demonstrations, 2 * largest + 1))
+    signs, agreement = np.zeros((n_demonstrations, len(pairs))), np.zeros((n_demonstrations, 2 * largest + 1))
     for p, pair in enumerate(pairs):
         driver = whitened(block.values[pair.action], pair.memory, offsets)
         response = whitened((block.change if pair.of_change else block.values)[pair.state], pair.memory, offsets)

@@ -166,8 +166,8 @@ def learn_columns(sample: Block, numbers: Int[Array, " M"], labels: tuple[str, .
     n_observations = sample.observations.shape[1]
     width = n_observations if n_observations <= settings.MOST_COLUMNS else 0
     everything = all_values(sample).T
-    compared = np.flatnonzero((np.arange(len(everything)) < width) | (np.arange(len(everything)) >= n_observations))
-    number = np.array([k for k in compared.tolist() if _is_measurement(everything[k])], dtype=np.int64)
+    compared = (*range(width), *range(n_observations, len(everything)))
+    number = np.array([k for k in compared if _is_measurement(everything[k])], dtype=np.int64)
     recorded = np.asarray(~not_recorded(*ranges_and_zeros(everything[number], sample.offsets)).any(axis=1))
     if recorded.mean() >= settings.MOST_ABSENT:
         sample, numbers = _chosen(sample, recorded), numbers[recorded]

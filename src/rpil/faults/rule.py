@@ -76,8 +76,7 @@ class Fault:
         return {"grade": self.grade} | asdict(self) | {"severity": severity, "ids": [*self.ids]}
 
 
-MAX_NAMED = 60
-"""Demonstrations that a finding about several names."""
+MAX_NAMED = 60  # demonstrations, in a finding about several
 
 
 def in_words(names: Sequence[Id], every: Sequence[Id], tasks: Mapping[str, str]) -> str:

@@ -175,10 +175,7 @@ def runs_of(changed: Bool[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Arr
     return np.diff(starts, append=changed.size), starts, np.searchsorted(starts, first.ravel())
 
 
-Runs = tuple[Int[Array, " M"], Int[Array, " M"], Int[Array, " M"], Int[Array, " M"]]
-
-
-def resting_runs(block: MovingBlock) -> Runs:
+def resting_runs(block: MovingBlock) -> tuple[Int[Array, " M"], ...]:
     """Steps at rest at the beginning and at the end of each demonstration, and the first step and the length of its
     longest rest between.
 
