@@ -42,8 +42,7 @@ class OutsideRange(ComparingRule):
         """The largest value of each action, and the next smaller one; then the same downwards, where signs are changed,
         (M, 2 A)."""
         actions, begins = block.block.actions, block.offsets[:-1]
-        if actions.ndim == 1:
-            return (np.zeros((len(begins), 0)),) * 2
+        actions = actions if actions.ndim == 2 else np.zeros((len(actions), 0))  # a code has no limit
         sides = np.concatenate([actions.T, -actions.T]).astype(np.float64)
         top = np.maximum.reduceat(sides, begins, axis=1)
         below = np.where(sides < np.repeat(top, np.diff(block.offsets), axis=1), sides, -np.inf)
@@ -51,8 +50,6 @@ class OutsideRange(ComparingRule):
 
     def compare(self) -> Compared:
         (top, below), data = self.measured, self.data
-        if not top.shape[1]:
-            return super().compare()
         self.names, n = data.learned.action_labels * 2, top.shape[1] // 2
         # Copies tell no limit.
         _, others = np.unique(np.column_stack([top, below, data.lengths]), axis=0, return_index=True)
@@ -63,7 +60,7 @@ class OutsideRange(ComparingRule):
         # What has the limit among its values has one more of them, unless it belongs to a task or beyond [-1, 1]; and
         # what measures may begin where others end.
         tasks = np.array([data.tasks.get(str(name), "") for name in data.ids])
-        of_task = [not {*tasks[rows]} & {*tasks[~rows], ""} for rows in severity.T > 1]
+        of_task = np.array([not {*tasks[rows]} & {*tasks[~rows], ""} for rows in severity.T > 1], dtype=bool)
         own = np.tile((self.limits == 1.0).reshape(2, n).all(axis=0), 2) | of_task
         some = (severity > 1).sum(axis=0) <= few(len(data.ids))
         severity = severity * ((self.limits == 1.0) | ((some | of_task) & ~np.isin(self.names, self.columns.names)))

@@ -62,10 +62,8 @@ def find_lag(sample: MovingBlock, max_lag: int) -> tuple[tuple[Pair, ...], Int[A
     return tuple(pairs), partner
 
 
-def _related(
-    sample: MovingBlock, action: Int[Array, " A"], state: Int[Array, " S"], max_lag: int
-) -> Float[Array, "A S"]:
-    """The largest correlation, over the lags, of each action or its change with the change of each state."""
+def _related(sample: MovingBlock, action: Int[Array, " A"], state: Int[Array, " S"], max_lag: int) -> Array:
+    """The largest correlation, over the lags, of each action or its change with the change of each state, (A, S)."""
     change, offsets = sample.change, sample.offsets
     drivers = np.concatenate([change[action], centred(sample.values[action], offsets)])
     power = np.outer((drivers**2).sum(axis=1), (change[state] ** 2).sum(axis=1))
@@ -117,9 +115,7 @@ def centred(values: Float[Array, "... T"], offsets: Int[Array, " _"]) -> Float[A
     return np.asarray(values - np.repeat(means, lengths, axis=-1))
 
 
-def whitened(
-    values: Float[Array, "... T"], memory: Float[Array, " P"], offsets: Int[Array, " _"]
-) -> Float[Array, "... T"]:
+def whitened(values: Float[Array, "... T"], memory: Float[Array, " P"], offsets: Int[Array, " _"]) -> Array:
     """x_t - sum_i memory_i x_(t-i) of the centred values, and 0 at the first P steps of each demonstration."""
     level = centred(values, offsets)
     out = level.copy()

@@ -4,7 +4,7 @@ the files beside the demonstrations and in videos."""
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import cast
 
@@ -136,39 +136,33 @@ def _find_rates(
         yield Fault("frame rate", demonstrations.ids[m], *place, time, threshold, float(off[m] / least[m]), sentence)
 
 
-def _rules(words: Mapping[str, str]) -> tuple[type[Rule], ...]:
-    """A rule for each name, with its words."""
-    fields = ({"name": name, "words": text, "grade": "broken"} for name, text in words.items())
+def _rules(*lines: str) -> tuple[type[Rule], ...]:
+    """A rule for each line of its name and its words."""
+    words = (line.split(": ", 1) for line in lines)
+    fields = ({"name": name, "words": text, "grade": "broken"} for name, text in words)
     return tuple(cast("type[Rule]", type("FolderRule", (Rule,), own)) for own in fields)
 
 
 TIMESTAMPS = "timestamps"
 
 OF_FILES = _rules(
-    {
-        "totals": "the folder counts other episodes or frames than there are",
-        "episode table": "the list of the episodes does not agree with the data",
-        "statistics": "the statistics do not agree with the data, or are not there",
-        "metadata": "a file of the folder cannot be understood",
-        "missing episodes": "numbers of episodes are missing",
-        "named files": "files that a column names are empty, or not there",
-    }
+    "totals: the folder counts other episodes or frames than there are",
+    "episode table: the list of the episodes does not agree with the data",
+    "statistics: the statistics do not agree with the data, or are not there",
+    "metadata: a file of the folder cannot be understood",
+    "missing episodes: numbers of episodes are missing",
+    "named files: files that a column names are empty, or not there",
 )
 OF_TIMES = _rules(
-    {
-        TIMESTAMPS: "the times of the steps are not those of the frames a second that are declared",
-        "video file": "a video is not there, or damaged",
-        "video frames": "a video has more or fewer frames than there are steps",
-        "frame times": "the frames of a video are at other times than the steps",
-    }
+    f"{TIMESTAMPS}: the times of the steps are not those of the frames a second that are declared",
+    "video file: a video is not there, or damaged",
+    "video frames: a video has more or fewer frames than there are steps",
+    "frame times: the frames of a video are at other times than the steps",
 )
-BY_LOOKING = _rules(
-    {
-        "black frames": "frames of a video are black",
-        "frozen picture": "the picture of a video stays the same for long",
-    }
+BY_LOOKING = _rules(  # what is seen only where videos are looked at
+    "black frames: frames of a video are black",
+    "frozen picture: the picture of a video stays the same for long",
 )
-"""What is seen only where videos are looked at."""
 
 FOLDER_RULES = OF_FILES + OF_TIMES + BY_LOOKING
 

@@ -252,9 +252,9 @@ class ComparingRule(Rule):
         """What was compared of the columns, and beside them, as one without a name, of all of them together."""
         shape, self.names = (len(self.data.ids), 1), (*self.names, "")
         self.first, self.last = (np.column_stack(each) for each in ((self.first, first), (self.last, last)))
-        of_columns = np.broadcast_arrays(*of_columns)
         own = (np.broadcast_to(np.reshape(each, (-1, 1)), shape) for each in of_all)
-        value, threshold, severity = map(np.column_stack, zip(of_columns, own, strict=True))
+        every = zip(np.broadcast_arrays(*of_columns), own, strict=True)
+        value, threshold, severity = (np.column_stack(each) for each in every)
         return value, threshold, severity
 
     def fence(self, values: Array, factor: float, least: Array | float) -> Array:

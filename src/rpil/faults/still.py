@@ -135,10 +135,8 @@ def largest(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Flo
     return values.ravel()[place].T, (place - begins).T
 
 
-def next_largest(
-    values: Float[Array, "C T"], step: Int[Array, "M C"], offsets: Int[Array, " _"]
-) -> Float[Array, "M C"]:
-    """The largest value of each demonstration but for the steps around the one that has it."""
+def next_largest(values: Float[Array, "C T"], step: Int[Array, "M C"], offsets: Int[Array, " _"]) -> Array:
+    """The largest value of each demonstration but for the steps around the one that has it, (M, C)."""
     values, rows = values.copy(), np.arange(len(values))
     for off in range(-settings.WIDTH, settings.WIDTH + 1):
         values[rows, np.clip(step + off, 0, np.diff(offsets)[:, None] - 1) + offsets[:-1, None]] = 0.0
@@ -177,12 +175,9 @@ def runs_of(changed: Bool[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Arr
 
 def resting_runs(block: MovingBlock) -> tuple[Int[Array, " M"], ...]:
     """Steps at rest at the beginning and at the end of each demonstration, and the first step and the length of its
-    longest rest between.
-
-    The means over W steps and over the next W lie within four standard deviations, and a hundredth of the column's
-    spread, of each other in every column whose noise is smaller than its motion; those of the first and of the last W
-    steps of a rest lie within twice that.
-    """
+    longest rest between. The means over W steps and over the next W lie within four standard deviations, and a share
+    of the spread, in every column whose noise is smaller than its motion; those of its first and last W within twice
+    that."""
     columns, w = block.columns, settings.REST_STEPS
     head, tail, first, longest = (np.zeros(len(block.numbers), dtype=int) for _ in range(4))
     band = 4.0 * np.sqrt(2.0 / w) * columns.noise + settings.REST_SHARE * columns.spread
@@ -196,9 +191,8 @@ def resting_runs(block: MovingBlock) -> tuple[Int[Array, " M"], ...]:
     for m, (begin, end) in enumerate(itertools.pairwise(block.offsets.tolist())):
         if end - begin <= 2 * w:
             continue
-        own = np.concatenate([[False], rests[begin : end - 2 * w + 1], [False]])
-        edges = np.flatnonzero(own[1:] != own[:-1]).reshape(-1, 2)
-        for a, b in edges.tolist():
+        edges = np.flatnonzero(np.diff(rests[begin : end - 2 * w + 1], prepend=False, append=False))
+        for a, b in edges.reshape(-1, 2).tolist():
             n = b - a + 2 * w - 1
             if (np.abs(means[:, begin + a + n - w] - means[:, begin + a]) > 2.0 * band[:, 0]).any():
                 continue  # it creeps
@@ -212,9 +206,8 @@ def resting_runs(block: MovingBlock) -> tuple[Int[Array, " M"], ...]:
 
 
 def idle_runs(block: MovingBlock, is_command: bool) -> tuple[Array, ...]:
-    """The same of those rests in which the action stays exactly the same, cut to that, or, where actions are commands,
-    does not go on either; there less the W steps in which motion begins. A code may be a push. Then the
-    steps at the beginning and the end in which the action stays exactly the same."""
+    """The same of rests in which the action stays exactly the same, cut to that, or which are of commands, there less
+    the W steps in which motion begins; a code may be a push. Then the former alone, of the beginning and the end."""
     actions, offsets, w = block.block.actions, block.offsets, settings.REST_STEPS
     if actions.ndim == 1:
         return (np.zeros(len(block.numbers), dtype=int),) * 6

@@ -185,14 +185,14 @@ class Duplicate(Rule):
         are_measured = bool(data.learned.columns.names)
         first = Copies.of(digest).copy_of
         is_copy = (first < np.arange(len(first))) & (are_measured | (data.lengths >= settings.MIN_DUPLICATE))
-        twins = [(m, int(first[m]), 0.0, 0.0, 1e3, "") for m in np.flatnonzero(is_copy).tolist()]
+        twins = [(m, int(first[m]), 0.0, 0.0, "") for m in np.flatnonzero(is_copy).tolist()]
         if are_measured and len(signatures) >= settings.FEWEST_DEMONSTRATIONS:
             distance, nearest = nearest_others(signatures)
             limit = near_limit(distance)
-            for m in np.flatnonzero((distance < limit) & (nearest < np.arange(len(nearest))) & ~is_copy).tolist():
-                value = float(distance[m])
-                twins.append((m, int(nearest[m]), value, limit, min(limit / value, 1e3) if value else 1e3, "nearly "))
-        for m, twin, value, limit, severity, how in twins:
+            near = (distance < limit) & (nearest < np.arange(len(nearest))) & ~is_copy
+            twins += [(m, int(nearest[m]), float(distance[m]), limit, "nearly ") for m in np.flatnonzero(near).tolist()]
+        for m, twin, value, limit, how in twins:
+            severity = min(limit / value, 1e3) if value else 1e3
             sentence, last = f"it is {how}the same as demonstration {data.ids[twin]!r}", int(data.lengths[m]) - 1
             yield Fault(cls.name, data.ids[m], 0, last, "", value, limit, severity, sentence)
 
@@ -225,8 +225,6 @@ def near_limit(distance: Array) -> float:
 
 
 class IdleEnd(ComparingRule):
-    """Idle beginnings and ends, which may be trimmed."""
-
     part = 0  # of the beginning, 0, the end, 1, or between, 2
 
     @staticmethod

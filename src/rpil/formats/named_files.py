@@ -13,8 +13,7 @@ from rpil.formats.format import Defect
 from rpil.formats.scan import parts_in_words
 
 _SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".npy", ".npz", ".mp4", ".avi", ".wav", ".pcd")
-_FOLDERS = ("", "images", "IMG", "img")
-"""Where recorders put them beside their table."""
+_FOLDERS = ("", "images", "IMG", "img")  # where recorders put them beside their table
 
 
 def in_table(table: pa.Table, folder: Path) -> Iterator[Defect]:
