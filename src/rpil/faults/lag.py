@@ -37,11 +37,8 @@ class Pair:
 
 def find_lag(sample: MovingBlock, max_lag: int) -> tuple[tuple[Pair, ...], Int[Array, " C"]]:
     """The state column that is best aligned with each action that has one, the most correlated pair first; and the
-    partner of each column.
-
-    The longest memory with which there is one tells the lag best. Of many states, those are looked at whose changes are
-    most correlated with the action or its changes.
-    """
+    partner of each column. The longest memory with which there is one tells the lag best. Of many states, those are
+    looked at whose changes are most correlated with the action or its changes."""
     is_action = sample.columns.is_action
     action, state, partner = np.flatnonzero(is_action), np.flatnonzero(~is_action), np.full(len(is_action), -1)
     if not len(action) or not len(state):

@@ -18,9 +18,8 @@ class Leap(ComparingRule):
     causes: tuple[str, ...] = ("length",)
 
     def compare(self) -> Compared:
-        columns = self.columns
+        columns, self.names = self.columns, self.columns.names
         size, self.first, self.last, most = self.measured[:4]
-        self.names = columns.names
         smallest, moved = settings.SMALLEST_LEAP * columns.spread, np.where(most > 0, most, np.nan)
         moved[:, np.isnan(moved).all(axis=0)] = 0.0
         large = np.quantile(most, 0.75, axis=0, method="lower"), np.nanmedian(moved, axis=0)
@@ -74,21 +73,17 @@ class Jump(Leap):
         jump[:, offsets[:-1] + np.minimum(np.diff(offsets) - 1, 1)] = 0.0  # nothing tells how it moved before
         jump[:, offsets[1:] - 1] = 0.0
         top, step = largest(jump, offsets)
-        every, at = largest(together := Jump.of_all(block)[None], offsets)
+        # How much larger a change is than at the two steps before and after, in all columns together: in logarithms,
+        # whose mean over the columns no single one makes large.
+        change = np.log1p(size / block.columns.scale[:, None]).sum(axis=0) / max(len(size), 1)
+        together = np.zeros((1, len(change)))
+        together[0, 2:-2] = change[2:-2] - np.max([change[:-4], change[1:-3], change[3:-1], change[4:]], axis=0)
+        steps = np.arange(len(change)) - np.repeat(offsets[:-1], lengths := np.diff(offsets))
+        together[:, (steps < 3) | (steps >= np.repeat(lengths, lengths) - 2)] = 0.0
+        every, at = largest(together, offsets)
         second = next_largest(together, at, offsets)
-        second[np.diff(offsets) < settings.LEAST_STEPS] = np.inf  # too few to have a next one
+        second[lengths < settings.LEAST_STEPS] = np.inf  # too few to have a next one
         return top, step - 1, step, block.largest, every, at, second, next_largest(jump, step, offsets)
-
-    @staticmethod
-    def of_all(block: MovingBlock) -> Array:
-        """How much larger the change is at a step, in all columns together, than at the two steps before and after: in
-        logarithms, whose mean over the columns no single one makes large."""
-        change = np.log1p(block.size / block.columns.scale[:, None]).sum(axis=0) / max(len(block.size), 1)
-        apart = np.zeros_like(change)
-        apart[2:-2] = change[2:-2] - np.max([change[:-4], change[1:-3], change[3:-1], change[4:]], axis=0)
-        steps = np.arange(len(apart)) - np.repeat(block.offsets[:-1], lengths := np.diff(block.offsets))
-        apart[(steps < 3) | (steps >= np.repeat(lengths, lengths) - 2)] = 0.0  # nothing tells how it moved before
-        return np.asarray(apart)
 
     def compare(self) -> Compared:
         of_columns, (every, at) = super().compare(), self.measured[4:6]
@@ -96,8 +91,7 @@ class Jump(Leap):
 
     @staticmethod
     def limit(measured: tuple[Array, ...]) -> float:
-        """From where on a leap of all columns is none of those that all demonstrations have, or is far larger than the
-        next of each."""
+        """From where on a leap of all columns is unusual, or far larger than the next of each demonstration."""
         every, _, second = measured[4:7]
         low, high = np.quantile(every, [0.25, 0.75])
         usual = high + settings.FENCE * (high - low) + settings.LEAST_OF_ALL
@@ -176,8 +170,7 @@ class Scale(ComparingRule):
         return means(np.abs(block.values), block.offsets), means(block.size, block.offsets)
 
     def compare(self) -> Compared:
-        columns = self.columns
-        self.names = columns.names
+        columns, self.names = self.columns, self.columns.names
         levels, changes = self.measured[0] + 1e-3 * columns.spread, self.measured[1] + 1e-3 * columns.scale
         (low, high), (slow, fast) = (self.two_fences(values, settings.SCALE_FACTOR) for values in (levels, changes))
         usual = np.median(levels, axis=0)

@@ -96,8 +96,7 @@ def squared_correlation(actions: Float[Array, "A T"], states: Float[Array, "S T"
 
 def relation(actions: Float[Array, "P T"], states: Float[Array, "P T"], is_command: bool) -> tuple[Array, ...]:
     """Slope and squared correlation of each action with its own state; the other state that goes with it best; and the
-    shares of the variance of the action that its own state leaves, and that the other leaves: commands are compared
-    with the states as they are."""
+    shares of its variance that its own state, as it is for commands, and the other leave."""
     share, own = squared_correlation(actions, states), np.arange(len(actions))
     a, s = (values - values.mean(axis=1, keepdims=True) for values in (actions, states))
     power = np.maximum((a**2).sum(axis=1), 1e-300)

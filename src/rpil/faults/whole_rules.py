@@ -69,8 +69,7 @@ class OtherLag(ComparingRule):
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """Steps by which the lag is shifted from the usual one, and what that shift adds to the agreement of the
-        cross-correlations, relative to the usual one; and the correlation of each pair, (M, P)."""
+        """As `shifts`."""
         return shifts(block, learned.pairs)
 
     def compare(self) -> Compared:
@@ -101,10 +100,9 @@ class OtherLag(ComparingRule):
         return np.where(self.early > 0, self.early + 1, steps), 1, np.fmax(severity, 2.0 * self.early)
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        if self.early[m] > 0:
-            steps = self.data.in_steps(int(fault.value))
-            return f"the state moves {steps} before its command: the actions are recorded late, or moved"
         steps, when = self.data.in_steps(int(fault.value)), "later" if self.shift[m] > 0 else "sooner"
+        if self.early[m] > 0:
+            return f"the state moves {steps} before its command: the actions are recorded late, or moved"
         return super().say(fault, m, c, steps=steps, when=when)
 
     def usual(self) -> str:
