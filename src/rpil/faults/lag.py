@@ -128,8 +128,6 @@ def _memory(values: Float[Array, " T"], offsets: Int[Array, " _"], order: int) -
     own = centred(values, offsets)
     first = np.repeat(offsets[:-1], np.diff(offsets))
     rows = np.flatnonzero(np.arange(len(own)) - first >= order)
-    if not len(rows):
-        return np.zeros(order)
     past = np.stack([own[rows - back] for back in range(1, order + 1)], axis=1)
     return np.asarray(np.linalg.lstsq(past, own[rows], rcond=1e-9)[0])
 

@@ -136,8 +136,8 @@ def never_moves(actions: Array, offsets: Int[Array, " _"]) -> Bool[Array, "M A"]
 
 
 def not_recorded(ranges: Float[Array, "M C"], zeros: Float[Array, "M C"]) -> Bool[Array, "M C"]:
-    """Where columns, two or more, are 0 in every step, by `ranges_and_zeros`: no more than half of the demonstrations
-    have such a column, most others move, and are not at 0 in most of their steps, as a brake is."""
+    """Where columns, two or more, are 0 in every step, by `ranges_and_zeros`: not nearly all demonstrations have such a
+    column, most others move, and are not at 0 in most of their steps, as a brake is."""
     absent = zeros == 1
     n_others = np.maximum((~absent).sum(axis=0), 1)
     moving, resting = (np.where(absent, 0.0, x).sum(axis=0) / n_others for x in (ranges > 0, zeros))

@@ -107,8 +107,6 @@ class Jump(Leap):
 
 
 class RepeatedFrames(ComparingRule):
-    """Rows that repeat the one before while everything moves; `find_frame_times` finds times that are too short."""
-
     name, needs = "repeated frames", ("several",)
     words = "the time between two frames is too short, or a row repeats the one before while all moves"
     sentence = "{rows} the row before while all moves, most from {first} (usual: {usual})"

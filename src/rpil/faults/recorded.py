@@ -20,7 +20,7 @@ from rpil.faults.rule import Fault, Rule
 from rpil.faults.still import few
 from rpil.formats.format import Defect
 from rpil.formats.metadata import Times, usual_step
-from rpil.numerics.types import Array, Float
+from rpil.numerics.types import Array
 
 
 class MissingValues(Rule):
@@ -114,9 +114,7 @@ def find_frame_times(times: Times, demonstrations: DemonstrationSet, usual: floa
             yield Fault(rule, *place, time, 1e3 * usual * threshold, severity, sentence)
 
 
-def _find_rates(
-    frames: Float[Array, " K"], limit: float, demonstrations: DemonstrationSet, usual: float
-) -> Iterator[Fault]:
+def _find_rates(frames: Array, limit: float, demonstrations: DemonstrationSet, usual: float) -> Iterator[Fault]:
     """Demonstrations whose frames all come later, or sooner, than those of the others: the mean of the times that are
     no gaps, which add up to more than `limit` frames."""
     offsets, lengths = demonstrations.offsets, demonstrations.lengths

@@ -45,7 +45,6 @@ REPEAT_MOTION = 0.5  # motion, relative to the usual one, around a repeated fram
 SMALLEST_REPEAT = 3.0  # repeated rows by which demonstrations do not differ
 LEAST_MOTION = 0.3  # share of that of the states around a row that repeats the action as well
 REPEATED_ROWS = 4  # rows that repeat states and actions while states move, and twice the usual second largest number
-PARTNER_MOVES = 1.0  # spreads that what goes with a column moves while that does not
 STILL_SHARE = 0.2  # share of a demonstration at whose end no observation changes while the action does
 IDLE_MOTION = 0.05  # motion, relative to the usual one, below which a step is idle
 MIN_IDLE = 10  # steps; shorter idle heads and tails are no fault

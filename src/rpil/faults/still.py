@@ -18,8 +18,6 @@ from rpil.numerics.types import Array, Bool, Float, Int, Shaped
 
 
 class HeldValue(ComparingRule):
-    """One value for long, while others move."""
-
     sentence = "{column} stays at {at} for {long} from {first} while others move (usual: up to {most})"
     causes = ("length", "idle tail", "pause", "two episodes")
     kinds: tuple[bool, ...] = (False, True)  # whether the columns that the rule is about are actions
@@ -109,7 +107,7 @@ class NeverMoves(ComparingRule):
         is_known = are_few & (low >= settings.STEADY_RANGE * usual) & (settings.STEADY_RANGE * high <= usual)
         still &= (self.data.lengths > 1)[:, None]  # a single step says nothing of motion
         severity = np.where(is_known & (usual > 0), 2.0 * still, np.nan)
-        pairs, far = self.data.learned.tracked, settings.PARTNER_MOVES * self.columns.spread
+        pairs, far = self.data.learned.tracked, self.columns.spread
         for a, s in zip(pairs.action, pairs.state, strict=True):
             for own, other in ((a, s), (s, a)) if pairs.is_command else ():  # what goes with it moves
                 severity[:, own] = np.where(still[:, own] & (ranges[:, other] > far[other]), 2.0, severity[:, own])

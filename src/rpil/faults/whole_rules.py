@@ -122,8 +122,7 @@ class Sign(ComparingRule):
     measure = OtherLag.measure
 
     def compare(self) -> Compared:
-        agreement, learned = self.measured[2], self.data.learned
-        pairs = learned.pairs
+        agreement, learned, pairs = self.measured[2], self.data.learned, self.data.learned.pairs
         self.names = tuple(self.columns.names[pair.action] for pair in pairs)
         usual = np.array([pair.correlation for pair in pairs])
         by_chance = settings.TAIL * 2.0 / np.sqrt(self.data.lengths)[:, None]
@@ -227,8 +226,8 @@ class IdleEnd(ComparingRule):
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """Steps before the first and after the last step that moves, of each demonstration. Where motion grows slowly,
-        or decays as that of a controller that settles, nothing is idle. Then `idle_runs`, which count as well."""
+        """Steps before the first and after the last step that moves; nothing is idle where motion grows slowly, or
+        decays as that of a controller that settles. Then `idle_runs`, which count as well."""
         moves, offsets = block.moves, block.offsets
         n, steps = len(moves), np.arange(len(moves))
         first = np.minimum.reduceat(np.where(moves, steps, n), offsets[:-1])
