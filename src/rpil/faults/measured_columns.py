@@ -250,8 +250,7 @@ def _is_measurement(column: Array) -> bool:
 
 def changes(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> Float[Array, "C T"]:
     """x_t - x_(t-1), and 0 at the first step of each demonstration."""
-    change = np.empty_like(values)
-    np.subtract(values[:, 1:], values[:, :-1], out=change[:, 1:])
+    change = np.diff(values, axis=1, prepend=values[:, :1])
     change[:, offsets[:-1]] = 0.0
     return change
 

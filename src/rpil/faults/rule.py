@@ -250,10 +250,9 @@ class ComparingRule(Rule):
 
     def with_all(self, of_columns: Compared, of_all: Compared, first: Array, last: Array) -> Compared:
         """What was compared of the columns, and beside them, as one without a name, of all of them together."""
-        shape, self.names = (len(self.data.ids), 1), (*self.names, "")
+        self.names = (*self.names, "")
         self.first, self.last = (np.column_stack(each) for each in ((self.first, first), (self.last, last)))
-        own = (np.broadcast_to(np.reshape(each, (-1, 1)), shape) for each in of_all)
-        every = zip(np.broadcast_arrays(*of_columns), own, strict=True)
+        every = zip(np.broadcast_arrays(*of_columns), np.broadcast_arrays(*of_all), strict=True)
         value, threshold, severity = (np.column_stack(each) for each in every)
         return value, threshold, severity
 
