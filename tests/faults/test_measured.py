@@ -94,7 +94,7 @@ def test_rows_are_repeated_between_rows_that_move(steps, motion, expected):
     every = 2 * np.concatenate([np.ones(3), motion, np.ones(3)])
     own = SimpleNamespace(actions=values[1:].T)
     block = block_of(values, np.cumsum([0, 3, len(steps), 3]), columns=columns, motion=every, block=own)
-    repeats, first, length, whole, *_ = RepeatedFrames.measure(block, None)
+    repeats, first, length, _, whole, _ = RepeatedFrames.measure(block, None)
     assert not whole.any()  # the action does not repeat
     assert (repeats[1], length[1]) == (expected[0], expected[2])
     assert first[1] == expected[1] or not length[1]

@@ -128,11 +128,7 @@ def _check_files(
 
 
 def _check_steps(
-    demonstrations: Demonstrations | Dataset,
-    times: Times,
-    skip_bad: bool,
-    why: dict[str, str],
-    tasks: Mapping[str, str],
+    demonstrations: Demonstrations | Dataset, times: Times, skip_bad: bool, why: dict[str, str], tasks: dict[str, str]
 ) -> FaultReport:
     """The faults in the steps of the demonstrations; `why` tells which rules are not to be applied, and gets more."""
     seconds = 1.0 / times.fps if times.fps else recorded.recorded_time(times, demonstrations)

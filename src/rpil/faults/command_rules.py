@@ -25,8 +25,6 @@ class CommandRule(ComparingRule):
         """What `relation` says of each demonstration, (M, P); three quantiles of the distance of each action from its
         state, (M, P); the steps that states need for the distance, (M,); and `misfits`."""
         pairs, found, turn = learned.tracked, [], block.turn[learned.tracked.action, None]
-        if not len(pairs.action):
-            return tuple(np.zeros((len(block.numbers), 0)) for _ in range(10))
         for actions, states in parts_of(block, pairs):
             gap = np.sort(actions - pairs.slope[:, None] * states, axis=1)
             gap -= turn * np.rint(np.median(gap, axis=1, keepdims=True) / np.where(turn > 0, turn, np.inf))
@@ -41,28 +39,20 @@ class CommandRule(ComparingRule):
 
 
 class ActionIsState(CommandRule):
-    name, words, grade = (
-        "action is state",
-        "the action is the state of the same step: a policy learns to stay",
-        "broken",
-    )
-    sentence = "the action is the state of the same step: a policy learns to stay; take the state of a later step"
+    name, grade = "action is state", "broken"
+    words = "the action is the state of the same step: a policy learns to stay"
+    sentence = f"{words}; take the state of a later step"
 
     def compare(self) -> Compared:
         left, zero = self.measured[-1], settings.MAX_SHIFT
         beside = left[:, [zero - 1, zero + 1]].min(axis=1)
         is_known = self.data.learned.tracked.is_command & (beside > 0)
         value = np.where(is_known, left[:, zero] / np.maximum(beside, 1e-300), 1.0)
-        return (
-            value,
-            settings.IS_STATE,
-            np.where(is_known, np.minimum(settings.IS_STATE / (value + 1e-12), 1e6), np.nan),
-        )
+        severity = np.where(is_known, np.minimum(settings.IS_STATE / (value + 1e-12), 1e6), np.nan)
+        return value, settings.IS_STATE, severity
 
 
 class Exchanged(CommandRule):
-    """Actions that follow the states of each other, and not their own."""
-
     name, words, grade = "exchanged", "columns are in another order", "broken"
     sentence = "{column} goes with {other}: the columns of the action, or of the state, are in another order"
 
@@ -79,21 +69,17 @@ class Exchanged(CommandRule):
 
 
 class CommandAgainstState(CommandRule):
-    """Commands at another level, of another sign, or in another unit than the states that follow them."""
-
     name, words, grade = "offset", "a command is at another level than the state that follows it", "broken"
     causes = ("exchanged", "action is state", "never moves")
 
     def compare(self) -> Compared:
         pairs, (slope, own, _, _, _, low, gap, high) = self.data.learned.tracked, self.measured[:8]
         self.names = tuple(self.columns.names[a] for a in pairs.action)
-        error = (high - low) / settings.GAP_WIDTH
-        spread = self.columns.spread[pairs.action]
+        error, spread = (high - low) / settings.GAP_WIDTH, self.columns.spread[pairs.action]
         fits = pairs.fits | ((own >= settings.TRACKS) & (np.abs(slope - 1.0) <= settings.SAME_UNIT))
         least = np.maximum(settings.ERRORS * error, settings.LEAST_GAP * spread) + 1e-12
         level = np.where(fits, np.abs(gap) / least, 0.0)
-        ratio = slope / pairs.slope
-        moves = own >= settings.SURE
+        ratio, moves = slope / pairs.slope, own >= settings.SURE
         # A pair that never fits may have a unit of its own by design, but no other sense in the same unit.
         usual = pairs.fits | ((np.abs(ratio - 1.0) <= settings.SAME_UNIT) & moves).any(axis=0)
         size = np.abs(np.log(np.maximum(np.abs(ratio), 1e-300)))
@@ -102,22 +88,20 @@ class CommandAgainstState(CommandRule):
         sign = np.where(moves & (ratio < 0) & (usual | (size < settings.SAME_UNIT)), 2.0, 0.0)
         every = np.stack([level, unit, sign])
         self.kind, self.ratio = every.argmax(axis=0), ratio
-        severity = every.max(axis=0) if pairs.is_command else np.full(level.shape, np.nan)
-        return gap, least, severity
+        return gap, least, every.max(axis=0) if pairs.is_command else np.full(level.shape, np.nan)
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         state = self.columns.names[self.data.learned.tracked.state[c]]
-        if self.kind[m, c] == 0:
-            off = f"{abs(fault.value):.3g} {'above' if fault.value > 0 else 'below'}"
-            return f"{fault.column} is {off} {state} throughout: the zero of one of them has moved"
-        if self.kind[m, c] == 2:
-            return f"{fault.column} has the other sign than {state}, which follows it"
-        times = abs(self.ratio[m, c])
-        return f"{fault.column} changes {times:.3g} times as much as {state}, which follows it: another unit"
+        off, times = f"{abs(fault.value):.3g} {'above' if fault.value > 0 else 'below'}", abs(self.ratio[m, c])
+        said = (
+            f"is {off} {state} throughout: the zero of one of them has moved",
+            f"changes {times:.3g} times as much as {state}, which follows it: another unit",
+            f"has the other sign than {state}, which follows it",
+        )
+        return f"{fault.column} {said[self.kind[m, c]]}"
 
     def findings(self) -> Iterator[Fault]:
         """Those of sign and unit under the names that they have where other demonstrations tell them."""
-        at = {name: m for m, name in enumerate(self.data.ids)}
         for fault in super().findings():
-            kind = int(self.kind[at[fault.id], self.names.index(fault.column)])
+            kind = int(self.kind[self.data.ids.index(fault.id), self.names.index(fault.column)])
             yield replace(fault, rule=(self.name, "scale", "sign")[kind])

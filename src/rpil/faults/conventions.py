@@ -24,20 +24,15 @@ class ConstantAction(Rule):
     def find(cls, demonstrations: DemonstrationSet, learned: Learned) -> Iterator[Fault]:
         """Those whose range is 0."""
         low, high, of = demonstrations.low, demonstrations.high, learned.action_labels
-        same = [f"{name} is {low[a]:.4g}" for a, name in enumerate(of) if low[a] == high[a]]
-        if same:
-            what = "its range is" if len(same) == 1 else "their ranges are"
-            sentence = f"{listed(same)} in every step: {what} 0, by which min-max normalisation divides"
-            column = same[0].rpartition(" is ")[0] if len(same) == 1 else ""
-            place = "", 0, 0, column, float(len(same)), 0.0, 1.0
-            yield Fault(
-                cls.name, *place, f"{sentence}; leave {'it' if len(same) == 1 else 'them'} out", demonstrations.ids
-            )
+        if same := [a for a in range(len(of)) if low[a] == high[a]]:
+            every = listed([f"{of[a]} is {low[a]:.4g}" for a in same])
+            what, them = ("their ranges are", "them") if len(same) > 1 else ("its range is", "it")
+            column = "" if len(same) > 1 else of[same[0]]
+            said = f"{every} in every step: {what} 0, by which min-max normalisation divides; leave {them} out"
+            yield Fault(cls.name, "", 0, 0, column, float(len(same)), 0.0, 1.0, said, demonstrations.ids)
 
 
 class OutsideRange(ComparingRule):
-    """Actions beyond a limit that the others touch and never pass."""
-
     name, words, grade = "outside range", "an action passes a limit that the others touch", "broken"
     needs = ("several",)
     sentence = "{column} goes to {value:.4g}; the others touch {limit:.4g} and never pass it"
@@ -47,8 +42,7 @@ class OutsideRange(ComparingRule):
         """The largest value of each action, and the next smaller one; then the same downwards, where signs are changed,
         (M, 2 A)."""
         actions, begins = block.block.actions, block.offsets[:-1]
-        if actions.ndim == 1:
-            return (np.zeros((len(begins), 0)),) * 2
+        actions = actions if actions.ndim == 2 else np.zeros((len(actions), 0))  # a code has no limit
         sides = np.concatenate([actions.T, -actions.T]).astype(np.float64)
         top = np.maximum.reduceat(sides, begins, axis=1)
         below = np.where(sides < np.repeat(top, np.diff(block.offsets), axis=1), sides, -np.inf)
@@ -56,12 +50,9 @@ class OutsideRange(ComparingRule):
 
     def compare(self) -> Compared:
         (top, below), data = self.measured, self.data
-        if not top.shape[1]:
-            return np.zeros(len(data.ids)), 0.0, np.zeros(len(data.ids))
         self.names, n = data.learned.action_labels * 2, top.shape[1] // 2
-        others = np.unique(np.column_stack([top, below, data.lengths]), axis=0, return_index=True)[
-            1
-        ]  # copies tell no limit
+        # Copies tell no limit.
+        _, others = np.unique(np.column_stack([top, below, data.lengths]), axis=0, return_index=True)
         moves = np.isfinite(below[others])
         self.limits = np.array([limit_of(own[rows]) for own, rows in zip(top[others].T, moves.T, strict=True)])
         ranges = self.limits + np.median(np.roll(top, n, axis=1), axis=0)
@@ -69,7 +60,7 @@ class OutsideRange(ComparingRule):
         # What has the limit among its values has one more of them, unless it belongs to a task or beyond [-1, 1]; and
         # what measures may begin where others end.
         tasks = np.array([data.tasks.get(str(name), "") for name in data.ids])
-        of_task = [not {*tasks[rows]} & {*tasks[~rows], ""} for rows in severity.T > 1]
+        of_task = np.array([not {*tasks[rows]} & {*tasks[~rows], ""} for rows in severity.T > 1], dtype=bool)
         own = np.tile((self.limits == 1.0).reshape(2, n).all(axis=0), 2) | of_task
         some = (severity > 1).sum(axis=0) <= few(len(data.ids))
         severity = severity * ((self.limits == 1.0) | ((some | of_task) & ~np.isin(self.names, self.columns.names)))
@@ -93,8 +84,6 @@ def limit_of(tops: Float[Array, " M"]) -> float:
 
 
 class TwoEpisodes(ComparingRule):
-    """Rows of the demonstration before, or of the next one: it jumps where they end, and they go on from there."""
-
     name, words, grade = "two episodes", "it begins, or ends, with rows of another demonstration", "broken"
     needs = ("observations", "several")
     takes_steps = True
@@ -121,27 +110,16 @@ class TwoEpisodes(ComparingRule):
         return jump, limit, np.where(joined, jump / limit, 0.0) * (joined.sum() >= settings.FEWEST_DEMONSTRATIONS)
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        which = "its {} {} rows are those of the {}"
-        n = fault.last if self.early[m] else int(self.data.lengths[m]) - fault.last
-        return super().say(
-            fault, m, c, which=which.format(*(("first", n, "one before") if self.early[m] else ("last", n, "next one")))
-        )
+        which = f"its last {int(self.data.lengths[m]) - fault.last} rows are those of the next one"
+        if self.early[m]:
+            which = f"its first {fault.last} rows are those of the one before"
+        return super().say(fault, m, c, which=which)
 
 
 class Conventions(ComparingRule):
-    """Two parts of the set whose columns agree once two of them are exchanged, or the sign of one is changed."""
-
-    name, words, grade = (
-        "two conventions",
-        "two parts of the set have columns in another order, or of other signs",
-        "broken",
-    )
-    needs = ("columns", "several")
-
+    name, grade = "two conventions", "broken"
+    words = "two parts of the set have columns in another order, or of other signs"
     measure = TwoEpisodes.measure
-
-    def compare(self) -> Compared:
-        return (none := np.zeros(len(self.data.ids))), 1.0, none
 
     def findings(self) -> Iterator[Fault]:
         for column, rows, said in self.told():
@@ -157,18 +135,15 @@ class Conventions(ComparingRule):
         is_action, names, features = self.columns.is_action, self.columns.names, np.stack(self.measured[:3])
         pairs, groups = self.data.learned.tracked, [(c, two_groups(features[0, :, c])) for c in range(len(names))]
         commands = {*pairs.action.tolist(), *pairs.state.tolist()} if pairs.is_command else set[int]()
-        parts = [
-            (c, rows, features[:, rows, c].mean(axis=1), features[:, ~rows, c].mean(axis=1))
-            for c, rows in groups
-            if rows is not None
-        ]
-        for (i, rows, u, v), (j, other, x, y) in itertools.combinations_with_replacement(parts, 2):
+        parts = [(c, rows) for c, rows in groups if rows is not None]
+        for (i, rows), (j, other) in itertools.combinations_with_replacement(parts, 2):
+            if not (rows == other).all() and not (rows != other).all():
+                continue
+            (u, x), (v, y) = (features[:, of][..., [i, j]].mean(axis=1).T for of in (rows, ~rows))
             least = settings.ALIKE * np.abs(u - v).min()
-            x, y = (x, y) if (rows == other).all() else (y, x)
             if i == j and i in commands and np.abs(u + v).max() <= least:
                 yield names[i], rows, f"{names[i]} has another sign"
-            is_same = (rows == other).all() or (rows != other).all()
-            if i != j and is_same and is_action[i] == is_action[j] and np.abs([u - y, v - x]).max() <= least:
+            if i != j and is_action[i] == is_action[j] and np.abs([u - y, v - x]).max() <= least:
                 yield names[i], rows, f"{names[i]} and {names[j]} are in another order"
 
 

@@ -17,8 +17,7 @@ class Pair:
 
     action: int
     state: int
-    of_change: bool
-    """Whether the changes of the state are aligned with the action (a speed), rather than its level (a position)."""
+    of_change: bool  # whether the changes of the state are aligned with it (a speed), not its level (a position)
     memory: Float[Array, " P"]
     """How the action follows from its last P values. It is taken out of both series (Box and Jenkins 1970,
     prewhitening), without which a slow action is correlated with what happens at many lags."""
@@ -38,11 +37,8 @@ class Pair:
 
 def find_lag(sample: MovingBlock, max_lag: int) -> tuple[tuple[Pair, ...], Int[Array, " C"]]:
     """The state column that is best aligned with each action that has one, the most correlated pair first; and the
-    partner of each column.
-
-    The longest memory with which there is one tells the lag best. Of many states, those are looked at whose changes are
-    most correlated with the action or its changes.
-    """
+    partner of each column. The longest memory with which there is one tells the lag best. Of many states, those are
+    looked at whose changes are most correlated with the action or its changes."""
     is_action = sample.columns.is_action
     action, state, partner = np.flatnonzero(is_action), np.flatnonzero(~is_action), np.full(len(is_action), -1)
     if not len(action) or not len(state):
@@ -63,10 +59,8 @@ def find_lag(sample: MovingBlock, max_lag: int) -> tuple[tuple[Pair, ...], Int[A
     return tuple(pairs), partner
 
 
-def _related(
-    sample: MovingBlock, action: Int[Array, " A"], state: Int[Array, " S"], max_lag: int
-) -> Float[Array, "A S"]:
-    """The largest correlation, over the lags, of each action or its change with the change of each state."""
+def _related(sample: MovingBlock, action: Int[Array, " A"], state: Int[Array, " S"], max_lag: int) -> Array:
+    """The largest correlation, over the lags, of each action or its change with the change of each state, (A, S)."""
     change, offsets = sample.change, sample.offsets
     drivers = np.concatenate([change[action], centred(sample.values[action], offsets)])
     power = np.outer((drivers**2).sum(axis=1), (change[state] ** 2).sum(axis=1))
@@ -95,10 +89,7 @@ def shifts(block: MovingBlock, pairs: tuple[Pair, ...]) -> tuple[Array, Array, F
     adds to their agreement, relative to the agreement that is usual; and the correlation of each pair at its usual lag,
     positive where it is of the usual sign."""
     offsets, n_demonstrations, largest = block.offsets, len(block.numbers), settings.MAX_SHIFT
-    signs = np.zeros((n_demonstrations, len(pairs)))
-    if not pairs:
-        return np.zeros(n_demonstrations, dtype=np.int64), np.zeros(n_demonstrations), signs
-    agreement = np.zeros((n_demonstrations, 2 * largest + 1))
+    signs, agreement = np.zeros((n_demonstrations, len(pairs))), np.zeros((n_demonstrations, 2 * largest + 1))
     for p, pair in enumerate(pairs):
         driver = whitened(block.values[pair.action], pair.memory, offsets)
         response = whitened((block.change if pair.of_change else block.values)[pair.state], pair.memory, offsets)
@@ -121,9 +112,7 @@ def centred(values: Float[Array, "... T"], offsets: Int[Array, " _"]) -> Float[A
     return np.asarray(values - np.repeat(means, lengths, axis=-1))
 
 
-def whitened(
-    values: Float[Array, "... T"], memory: Float[Array, " P"], offsets: Int[Array, " _"]
-) -> Float[Array, "... T"]:
+def whitened(values: Float[Array, "... T"], memory: Float[Array, " P"], offsets: Int[Array, " _"]) -> Array:
     """x_t - sum_i memory_i x_(t-i) of the centred values, and 0 at the first P steps of each demonstration."""
     level = centred(values, offsets)
     out = level.copy()
@@ -139,8 +128,6 @@ def _memory(values: Float[Array, " T"], offsets: Int[Array, " _"], order: int) -
     own = centred(values, offsets)
     first = np.repeat(offsets[:-1], np.diff(offsets))
     rows = np.flatnonzero(np.arange(len(own)) - first >= order)
-    if not len(rows):
-        return np.zeros(order)
     past = np.stack([own[rows - back] for back in range(1, order + 1)], axis=1)
     return np.asarray(np.linalg.lstsq(past, own[rows], rcond=1e-9)[0])
 

@@ -25,21 +25,15 @@ class MeasuredColumns:
     """The columns that the rules compare: C of them, observations before actions."""
 
     names: tuple[str, ...]
-    number: Int[Array, " C"]
-    """Among all observations and then all actions."""
+    number: Int[Array, " C"]  # among all observations and then all actions
     is_action: Bool[Array, " C"]
-    scale: Float[Array, " C"]
-    """Median of the changes that are not 0."""
-    spread: Float[Array, " C"]
-    """Standard deviation, by the median distance from the median, which a few wrong demonstrations do not change."""
-    moving: Float[Array, " C"]
-    """Share of the steps in motion in which the column changes."""
-    memory: Float[Array, " C"]
-    """Rank correlation of the values of steps with those of the steps before."""
+    scale: Float[Array, " C"]  # median of the changes that are not 0
+    spread: Float[Array, " C"]  # by the median distance from the median, which a few wrong demonstrations do not change
+    moving: Float[Array, " C"]  # share of the steps in motion in which the column changes
+    memory: Float[Array, " C"]  # rank correlation of the values of steps with those of the steps before
     noise: Float[Array, " C"] = field(default_factory=lambda: np.zeros(0))
     """Standard deviation of its noise, by its third differences, to which smooth motion adds little."""
-    motion: float = 1.0
-    """Median motion of the steps, see `motion_of`, of those that have any."""
+    motion: float = 1.0  # median of the steps that have any, see `motion_of`
     quaternions: Mapping[int, Float[Array, " 4"]] = field(default_factory=dict)
     """The first of four observations that are one, and a rotation whose sign the others take: q and -q are the same."""
     partner: Int[Array, " C"] = field(default_factory=lambda: np.zeros(0, dtype=int))
@@ -142,16 +136,13 @@ def never_moves(actions: Array, offsets: Int[Array, " _"]) -> Bool[Array, "M A"]
 
 
 def not_recorded(ranges: Float[Array, "M C"], zeros: Float[Array, "M C"]) -> Bool[Array, "M C"]:
-    """Where columns, two or more, are 0 in every step, by `ranges_and_zeros`: no more than half of the demonstrations
-    have such a column, most others move, and are not at 0 in most of their steps, as a brake is."""
+    """Where columns, two or more, are 0 in every step, by `ranges_and_zeros`: not nearly all demonstrations have such a
+    column, most others move, and are not at 0 in most of their steps, as a brake is."""
     absent = zeros == 1
     n_others = np.maximum((~absent).sum(axis=0), 1)
     moving, resting = (np.where(absent, 0.0, x).sum(axis=0) / n_others for x in (ranges > 0, zeros))
-    absent &= (
-        (absent.mean(axis=0) <= settings.MOST_ZERO)
-        & (moving > settings.MOST_ABSENT)
-        & (resting <= settings.MOST_ABSENT)
-    )
+    absent &= (moving > settings.MOST_ABSENT) & (resting <= settings.MOST_ABSENT)
+    absent &= absent.mean(axis=0) <= settings.MOST_ZERO
     return np.asarray(absent & (absent.sum(axis=1) > 1)[:, None])
 
 
@@ -175,8 +166,8 @@ def learn_columns(sample: Block, numbers: Int[Array, " M"], labels: tuple[str, .
     n_observations = sample.observations.shape[1]
     width = n_observations if n_observations <= settings.MOST_COLUMNS else 0
     everything = all_values(sample).T
-    compared = np.flatnonzero((np.arange(len(everything)) < width) | (np.arange(len(everything)) >= n_observations))
-    number = np.array([k for k in compared.tolist() if _is_measurement(everything[k])], dtype=np.int64)
+    compared = (*range(width), *range(n_observations, len(everything)))
+    number = np.array([k for k in compared if _is_measurement(everything[k])], dtype=np.int64)
     recorded = np.asarray(~not_recorded(*ranges_and_zeros(everything[number], sample.offsets)).any(axis=1))
     if recorded.mean() >= settings.MOST_ABSENT:
         sample, numbers = _chosen(sample, recorded), numbers[recorded]
@@ -188,9 +179,8 @@ def learn_columns(sample: Block, numbers: Int[Array, " M"], labels: tuple[str, .
     off = np.median(np.abs(moving.values - np.median(moving.values, axis=1, keepdims=True)), axis=1)
     third = np.abs(np.diff(moving.values, n=3, axis=1)) if moving.values.shape[1] > 3 else moving.size
     noise = np.median(third, axis=1) / settings.THIRD_DIFFERENCE
-    columns = replace(
-        columns, scale=scale, noise=noise, spread=np.where(off > 0, off / 0.6745, moving.values.std(axis=1))
-    )
+    spread = np.where(off > 0, off / 0.6745, moving.values.std(axis=1))
+    columns = replace(columns, scale=scale, noise=noise, spread=spread)
     motion = columns.motion_of(moving.size)
     moving = MovingBlock.of(sample, numbers, replace(columns, motion=_median_or_one(motion[motion > 0])))
     share = (moving.size > 0)[:, moving.moves].mean(axis=1) if moving.moves.any() else ones
@@ -203,9 +193,8 @@ def _memory(sample: MovingBlock) -> Float[Array, " C"]:
     later = np.delete(np.arange(ranks.shape[1]), sample.offsets[:-1])
     if not len(later):
         return np.ones(len(ranks))
-    return np.asarray(
-        (ranks[:, later] * ranks[:, later - 1]).mean(axis=1) / np.maximum((ranks**2).mean(axis=1), 1e-300)
-    )
+    power = np.maximum((ranks**2).mean(axis=1), 1e-300)
+    return np.asarray((ranks[:, later] * ranks[:, later - 1]).mean(axis=1) / power)
 
 
 def _turn(values: Float[Array, " T"], change: Float[Array, " T"], size: Float[Array, " T"]) -> float:
@@ -261,8 +250,7 @@ def _is_measurement(column: Array) -> bool:
 
 def changes(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> Float[Array, "C T"]:
     """x_t - x_(t-1), and 0 at the first step of each demonstration."""
-    change = np.empty_like(values)
-    np.subtract(values[:, 1:], values[:, :-1], out=change[:, 1:])
+    change = np.diff(values, axis=1, prepend=values[:, :1])
     change[:, offsets[:-1]] = 0.0
     return change
 

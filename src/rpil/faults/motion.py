@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rpil.data.text import counted, moment
+from rpil.data.text import counted
 from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock, means
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
@@ -18,9 +18,8 @@ class Leap(ComparingRule):
     causes: tuple[str, ...] = ("length",)
 
     def compare(self) -> Compared:
-        columns = self.columns
+        columns, self.names = self.columns, self.columns.names
         size, self.first, self.last, most = self.measured[:4]
-        self.names = columns.names
         smallest, moved = settings.SMALLEST_LEAP * columns.spread, np.where(most > 0, most, np.nan)
         moved[:, np.isnan(moved).all(axis=0)] = 0.0
         large = np.quantile(most, 0.75, axis=0, method="lower"), np.nanmedian(moved, axis=0)
@@ -61,6 +60,7 @@ class Jump(Leap):
     name, words = "jump", "a column jumps from one step to the next and stays there"
     causes = ("length", "frozen sensor", "frozen action", "saturation", "two episodes")
     sentence = "{column} jumps by {value:.3g} at {last} (usual: up to {threshold:.3g})"
+    sentence_of_all = "all columns jump at once at {last}: perhaps frames are missing"
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
@@ -73,21 +73,17 @@ class Jump(Leap):
         jump[:, offsets[:-1] + np.minimum(np.diff(offsets) - 1, 1)] = 0.0  # nothing tells how it moved before
         jump[:, offsets[1:] - 1] = 0.0
         top, step = largest(jump, offsets)
-        every, at = largest(together := Jump.of_all(block)[None], offsets)
+        # How much larger a change is than at the two steps before and after, in all columns together: in logarithms,
+        # whose mean over the columns no single one makes large.
+        change = np.log1p(size / block.columns.scale[:, None]).sum(axis=0) / max(len(size), 1)
+        together = np.zeros((1, len(change)))
+        together[0, 2:-2] = change[2:-2] - np.max([change[:-4], change[1:-3], change[3:-1], change[4:]], axis=0)
+        steps = np.arange(len(change)) - np.repeat(offsets[:-1], lengths := np.diff(offsets))
+        together[:, (steps < 3) | (steps >= np.repeat(lengths, lengths) - 2)] = 0.0
+        every, at = largest(together, offsets)
         second = next_largest(together, at, offsets)
-        second[np.diff(offsets) < settings.LEAST_STEPS] = np.inf  # too few to have a next one
+        second[lengths < settings.LEAST_STEPS] = np.inf  # too few to have a next one
         return top, step - 1, step, block.largest, every, at, second, next_largest(jump, step, offsets)
-
-    @staticmethod
-    def of_all(block: MovingBlock) -> Array:
-        """How much larger the change is at a step, in all columns together, than at the two steps before and after: in
-        logarithms, whose mean over the columns no single one makes large."""
-        change = np.log1p(block.size / block.columns.scale[:, None]).sum(axis=0) / max(len(block.size), 1)
-        apart = np.zeros_like(change)
-        apart[2:-2] = change[2:-2] - np.max([change[:-4], change[1:-3], change[3:-1], change[4:]], axis=0)
-        steps = np.arange(len(apart)) - np.repeat(block.offsets[:-1], lengths := np.diff(block.offsets))
-        apart[(steps < 3) | (steps >= np.repeat(lengths, lengths) - 2)] = 0.0  # nothing tells how it moved before
-        return np.asarray(apart)
 
     def compare(self) -> Compared:
         of_columns, (every, at) = super().compare(), self.measured[4:6]
@@ -95,19 +91,12 @@ class Jump(Leap):
 
     @staticmethod
     def limit(measured: tuple[Array, ...]) -> float:
-        """From where on a leap of all columns is none of those that all demonstrations have, or is far larger than the
-        next of each."""
+        """From where on a leap of all columns is unusual, or far larger than the next of each demonstration."""
         every, _, second = measured[4:7]
         low, high = np.quantile(every, [0.25, 0.75])
         usual = high + settings.FENCE * (high - low) + settings.LEAST_OF_ALL
-        return float(
-            min(usual, settings.NEXT_FACTOR * np.quantile(second, 0.75, method="lower") + settings.BEYOND_NEXT)
-        )
-
-    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        if fault.column:
-            return super().say(fault, m, c)
-        return f"all columns jump at once at {moment(fault.last, self.data.seconds)}: perhaps frames are missing"
+        beyond = settings.NEXT_FACTOR * np.quantile(second, 0.75, method="lower") + settings.BEYOND_NEXT
+        return float(min(usual, beyond))
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
@@ -118,48 +107,41 @@ class Jump(Leap):
 
 
 class RepeatedFrames(ComparingRule):
-    """Rows that repeat the one before while everything moves; `find_frame_times` finds times that are too short."""
-
     name, needs = "repeated frames", ("several",)
     words = "the time between two frames is too short, or a row repeats the one before while all moves"
     sentence = "{rows} the row before while all moves, most from {first} (usual: {usual})"
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """Number of repeated rows between rows that move, and the first step and the length of the longest
-        repetition; then, of rows that repeat the action as well, the length of the longest and of the next repetition,
-        and the first step of the former."""
+        """The first three of `between`; and, of rows that repeat the action as well, the others."""
         columns, offsets, actions = block.columns, block.offsets, block.block.actions
         size = block.size[~columns.is_action]
         changed: Array = np.any(size > 0, axis=0)
-        moves, least = block.motion, settings.REPEAT_MOTION * columns.motion
-        repeated, starts, bounds = RepeatedFrames.between(changed, moves > least, offsets)
-        longest = first_largest(repeated, bounds)
-        out = np.add.reduceat(repeated, bounds), starts[longest] + 1 - offsets[:-1], repeated[longest]
+        least = settings.REPEAT_MOTION * columns.motion
+        of_states = RepeatedFrames.between(changed, block.motion > least, offsets)
         # A state that rests does not begin to move in the step in which the action changes, but after it.
         acted = np.append(True, (np.diff(actions.reshape(len(actions), -1), axis=0) != 0).any(axis=1))
         moved = np.minimum(size / columns.scale[~columns.is_action, None], 3.0).sum(axis=0) / max(len(size), 1)
-        repeated, starts, bounds = RepeatedFrames.between(
-            changed | acted, moved > settings.LEAST_MOTION * least, offsets
-        )
-        longest = first_largest(repeated, bounds)
-        most, first = repeated[longest], starts[longest] + 1 - offsets[:-1]
-        repeated[longest] = 0
-        return *out, most, np.maximum.reduceat(repeated, bounds), first
+        moves = moved > settings.LEAST_MOTION * least
+        return *of_states[:3], *RepeatedFrames.between(changed | acted, moves, offsets)[1:]
 
     @staticmethod
-    def between(changed: Array, moves: Array, offsets: Array) -> tuple[Array, Array, Array]:
-        """Rows after the first of each run without a change, where it lies between rows that move, or else 0; where the
-        runs begin; and the number of the first run of each demonstration."""
+    def between(changed: Array, moves: Array, offsets: Array) -> tuple[Array, ...]:
+        """Repeated rows between rows that move; the first step and the length of the longest repetition; and the length
+        of the next."""
         runs, starts, bounds = runs_of(changed[None], offsets)
         is_first = np.zeros(len(starts), dtype=bool)
         is_first[bounds] = True
         after = np.append(starts[1:], 0)
         inside = ~is_first & ~np.append(is_first[1:], True) & moves[starts] & moves[after]
-        return np.where(inside, runs - 1, 0), starts, bounds
+        repeated = np.where(inside, runs - 1, 0)
+        longest, number = first_largest(repeated, bounds), np.add.reduceat(repeated, bounds)
+        length = repeated[longest]
+        repeated[longest] = 0
+        return number, starts[longest] + 1 - offsets[:-1], length, np.maximum.reduceat(repeated, bounds)
 
     def compare(self) -> Compared:
-        repeats, first, length, most, second, at = self.measured
+        repeats, first, length, at, most, second = self.measured
         value, limit, severity = above(repeats, self.fence(repeats, 1.0, settings.SMALLEST_REPEAT))
         whole = most >= max(settings.REPEATED_ROWS, settings.NEXT_FACTOR * np.quantile(second, 0.75))
         self.first, self.last = np.where(whole, at, first), np.where(whole, at + most, first + length) - 1
@@ -186,8 +168,7 @@ class Scale(ComparingRule):
         return means(np.abs(block.values), block.offsets), means(block.size, block.offsets)
 
     def compare(self) -> Compared:
-        columns = self.columns
-        self.names = columns.names
+        columns, self.names = self.columns, self.columns.names
         levels, changes = self.measured[0] + 1e-3 * columns.spread, self.measured[1] + 1e-3 * columns.scale
         (low, high), (slow, fast) = (self.two_fences(values, settings.SCALE_FACTOR) for values in (levels, changes))
         usual = np.median(levels, axis=0)
@@ -212,8 +193,6 @@ class Scale(ComparingRule):
 
 
 class Wraps(ComparingRule):
-    """Angles that leap by a turn; the other rules see them unwrapped."""
-
     name, words, grade = "wraps", "an angle leaps by a turn where it wraps", "broken"
     needs = ("columns",)
     sentence = "{column} wraps: it leaps by {turn:.4g} {times}; unwrap it"

@@ -4,7 +4,7 @@ the files beside the demonstrations and in videos."""
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import cast
 
@@ -20,7 +20,7 @@ from rpil.faults.rule import Fault, Rule
 from rpil.faults.still import few
 from rpil.formats.format import Defect
 from rpil.formats.metadata import Times, usual_step
-from rpil.numerics.types import Array, Float
+from rpil.numerics.types import Array
 
 
 class MissingValues(Rule):
@@ -114,9 +114,7 @@ def find_frame_times(times: Times, demonstrations: DemonstrationSet, usual: floa
             yield Fault(rule, *place, time, 1e3 * usual * threshold, severity, sentence)
 
 
-def _find_rates(
-    frames: Float[Array, " K"], limit: float, demonstrations: DemonstrationSet, usual: float
-) -> Iterator[Fault]:
+def _find_rates(frames: Array, limit: float, demonstrations: DemonstrationSet, usual: float) -> Iterator[Fault]:
     """Demonstrations whose frames all come later, or sooner, than those of the others: the mean of the times that are
     no gaps, which add up to more than `limit` frames."""
     offsets, lengths = demonstrations.offsets, demonstrations.lengths
@@ -136,39 +134,33 @@ def _find_rates(
         yield Fault("frame rate", demonstrations.ids[m], *place, time, threshold, float(off[m] / least[m]), sentence)
 
 
-def _rules(words: Mapping[str, str]) -> tuple[type[Rule], ...]:
-    """A rule for each name, with its words."""
-    fields = ({"name": name, "words": text, "grade": "broken"} for name, text in words.items())
+def _rules(*lines: str) -> tuple[type[Rule], ...]:
+    """A rule for each line of its name and its words."""
+    words = (line.split(": ", 1) for line in lines)
+    fields = ({"name": name, "words": text, "grade": "broken"} for name, text in words)
     return tuple(cast("type[Rule]", type("FolderRule", (Rule,), own)) for own in fields)
 
 
 TIMESTAMPS = "timestamps"
 
 OF_FILES = _rules(
-    {
-        "totals": "the folder counts other episodes or frames than there are",
-        "episode table": "the list of the episodes does not agree with the data",
-        "statistics": "the statistics do not agree with the data, or are not there",
-        "metadata": "a file of the folder cannot be understood",
-        "missing episodes": "numbers of episodes are missing",
-        "named files": "files that a column names are empty, or not there",
-    }
+    "totals: the folder counts other episodes or frames than there are",
+    "episode table: the list of the episodes does not agree with the data",
+    "statistics: the statistics do not agree with the data, or are not there",
+    "metadata: a file of the folder cannot be understood",
+    "missing episodes: numbers of episodes are missing",
+    "named files: files that a column names are empty, or not there",
 )
 OF_TIMES = _rules(
-    {
-        TIMESTAMPS: "the times of the steps are not those of the frames a second that are declared",
-        "video file": "a video is not there, or damaged",
-        "video frames": "a video has more or fewer frames than there are steps",
-        "frame times": "the frames of a video are at other times than the steps",
-    }
+    f"{TIMESTAMPS}: the times of the steps are not those of the frames a second that are declared",
+    "video file: a video is not there, or damaged",
+    "video frames: a video has more or fewer frames than there are steps",
+    "frame times: the frames of a video are at other times than the steps",
 )
-BY_LOOKING = _rules(
-    {
-        "black frames": "frames of a video are black",
-        "frozen picture": "the picture of a video stays the same for long",
-    }
+BY_LOOKING = _rules(  # what is seen only where videos are looked at
+    "black frames: frames of a video are black",
+    "frozen picture: the picture of a video stays the same for long",
 )
-"""What is seen only where videos are looked at."""
 
 FOLDER_RULES = OF_FILES + OF_TIMES + BY_LOOKING
 

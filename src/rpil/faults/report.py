@@ -49,16 +49,12 @@ NUMBERS: dict[str, str] = {
 at the end of its group, and a number is not given again."""
 
 RULE_NAMES = {number: name for name, number in NUMBERS.items()}
-"""The name of the finding of each number."""
 
 RULES: dict[str, type[Rule]] = {name: Rule.named[name] for name in NUMBERS if name in Rule.named}
 """Every rule, in the order of the numbers."""
 
-ALL = "all"
-"""Stands for all demonstrations, where findings are expected."""
-
-MAX_SHOWN = 10
-"""Findings in the text of a report."""
+ALL = "all"  # stands for all demonstrations, where findings are expected
+MAX_SHOWN = 10  # findings in the text of a report
 
 
 @dataclass(frozen=True, repr=False)
@@ -143,10 +139,8 @@ class FaultReport:
     def headline(self) -> str:
         """How much is found, one sentence."""
         size = f"{counted(self.n_demonstrations, 'demonstration')} ({counted(self.n_steps, 'step')})"
-        n_other, n_found = (
-            sum(found.id == "" for found in self.findings),
-            len({found.id for found in self.findings} - {""}),
-        )
+        n_other = sum(found.id == "" for found in self.findings)
+        n_found = len({found.id for found in self.findings} - {""})
         said = f"{counted(len(self.findings) - n_other, 'recording fault')} found in {n_found:,} of {size}"
         if not n_found:
             why = self.not_checked.get("duplicate", "")  # which is looked for wherever anything is
@@ -157,12 +151,10 @@ class FaultReport:
     def table(self) -> dict[str, list[object]]:
         """Columns with a row for each finding, the worst first: its number, and the fields of `Fault`; ids are text."""
         columns = {one.name: [getattr(found, one.name) for found in self.findings] for one in fields(Fault)}
-        named: dict[str, list[object]] = {
-            "number": [NUMBERS[found.rule] for found in self.findings],
-            "grade": [found.grade for found in self.findings],
-        }
-        texts = {"id": [str(found.id) for found in self.findings]}
-        return named | columns | texts | {"ids": [" ".join(map(str, found.ids)) for found in self.findings]}
+        columns["id"] = [str(found.id) for found in self.findings]
+        columns["ids"] = [" ".join(map(str, found.ids)) for found in self.findings]
+        grades = {"grade": [found.grade for found in self.findings]}
+        return {"number": [NUMBERS[found.rule] for found in self.findings]} | grades | columns
 
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
         """A data frame of `table`; `backend` as in `rpil.Audit.to_frame`."""

@@ -76,8 +76,7 @@ class Fault:
         return {"grade": self.grade} | asdict(self) | {"severity": severity, "ids": [*self.ids]}
 
 
-MAX_NAMED = 60
-"""Demonstrations that a finding about several names."""
+MAX_NAMED = 60  # demonstrations, in a finding about several
 
 
 def in_words(names: Sequence[Id], every: Sequence[Id], tasks: Mapping[str, str]) -> str:
@@ -113,9 +112,8 @@ class Learned:
         labels = column_labels(demonstrations)
         sample = learn_columns(block, numbers, labels)
         pairs, partner = find_lag(sample, settings.MAX_LAG)
-        n = demonstrations.n_observations
         columns = replace(sample.columns, partner=partner)
-        return cls(columns, pairs, find_tracked(sample), labels[n:])
+        return cls(columns, pairs, find_tracked(sample), labels[demonstrations.n_observations :])
 
 
 GRADES = "broken", "suspect", "odd"
@@ -161,18 +159,13 @@ class Rule:
     """A rule without a model; see docs/faults.md."""
 
     name: str
-    words: str
-    """What it finds."""
-    grade: str = "suspect"
-    """One of `GRADES`."""
-    needs: tuple[str, ...] = ()
-    """What must be there, keys of `Measurements.lacking`."""
+    words: str  # what it finds
+    grade: str = "suspect"  # one of `GRADES`
+    needs: tuple[str, ...] = ()  # what must be there, keys of `Measurements.lacking`
     unknown = "demonstrations move too little, or differ too much in this, to know what is usual"
     """Why it says nothing where it applies and nothing can be known."""
-    causes: tuple[str, ...] = ()
-    """Rules whose findings explain those of this rule in the same demonstration."""
-    named: ClassVar[dict[str, type[Rule]]] = {}
-    """Every rule that has a name."""
+    causes: tuple[str, ...] = ()  # rules whose findings explain those of this rule in the same demonstration
+    named: ClassVar[dict[str, type[Rule]]] = {}  # every rule that has a name
 
     def __init_subclass__(cls) -> None:
         if "name" in vars(cls):
@@ -200,9 +193,9 @@ class ComparingRule(Rule):
 
     needs: tuple[str, ...] = ("columns", "several")
     sentence: str
-    """What is seen, which may name the fields of `Fault`, and what `say` adds to them."""
-    takes_steps = False
-    """Whether it says nothing of demonstrations of fewer than `LEAST_STEPS`."""
+    sentence_of_all: str = ""
+    """What is seen, in a column and in all together, which may name the fields of `Fault`, and what `say` adds."""
+    takes_steps = False  # whether it says nothing of demonstrations of fewer than `LEAST_STEPS`
 
     def __init__(self, data: Measurements) -> None:
         self.data, self.columns = data, data.learned.columns
@@ -224,8 +217,9 @@ class ComparingRule(Rule):
         return ()
 
     def compare(self) -> Compared:
-        """Compare what was measured of all demonstrations."""
-        raise NotImplementedError
+        """Compare what was measured of all demonstrations; here without a fault."""
+        nothing = np.zeros(len(self.data.ids))
+        return nothing, 1.0, nothing
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         """What is seen in a demonstration and a column. The sentence may name `others`, and as times where they are
@@ -233,7 +227,8 @@ class ComparingRule(Rule):
         seconds, length = self.data.seconds, fault.last - fault.first + 1
         times = {"first": moment(fault.first, seconds), "last": moment(fault.last, seconds)}
         times |= {"long": duration(length, seconds), "most": duration(fault.threshold, seconds)}
-        return self.sentence.format(**vars(fault) | times | others)
+        sentence = self.sentence if fault.column else self.sentence_of_all or self.sentence
+        return sentence.format(**vars(fault) | times | others)
 
     @property
     def silent(self) -> tuple[str, ...]:
@@ -255,14 +250,10 @@ class ComparingRule(Rule):
 
     def with_all(self, of_columns: Compared, of_all: Compared, first: Array, last: Array) -> Compared:
         """What was compared of the columns, and beside them, as one without a name, of all of them together."""
-        shape, self.names = (len(self.data.ids), 1), (*self.names, "")
+        self.names = (*self.names, "")
         self.first, self.last = (np.column_stack(each) for each in ((self.first, first), (self.last, last)))
-        value, threshold, severity = (
-            np.column_stack(
-                [np.broadcast_to(one, np.shape(of_columns[0])), np.broadcast_to(np.reshape(each, (-1, 1)), shape)]
-            )
-            for one, each in zip(of_columns, of_all, strict=True)
-        )
+        every = zip(np.broadcast_arrays(*of_columns), np.broadcast_arrays(*of_all), strict=True)
+        value, threshold, severity = (np.column_stack(each) for each in every)
         return value, threshold, severity
 
     def fence(self, values: Array, factor: float, least: Array | float) -> Array:

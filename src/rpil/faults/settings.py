@@ -30,6 +30,7 @@ CHANGE_FACTOR = 1.5  # * times the usual largest change of a demonstration that 
 SMALLEST_LEAP = 0.1  # * standard deviations of the column that a leap has at least
 LEAST_OF_ALL = 0.15  # logarithm added to the fence of the change of all columns together
 NEXT_FACTOR, BEYOND_NEXT = 2.0, 0.35  # * times the usual second change of all columns together, and logarithm beyond
+WIDTH = 3  # steps before and after a change that are not the next largest
 NEXT_LEAP = 4.0  # times the usual second largest leap of a column and the smallest one
 MOVING_SHARE = 0.25  # * share of the steps in motion in which a column changes: what is touched leaps out of rest
 LEAST_MEMORY = 0.7  # rank correlation from step to step: below it a step says less than half about the next
@@ -44,17 +45,13 @@ REPEAT_MOTION = 0.5  # motion, relative to the usual one, around a repeated fram
 SMALLEST_REPEAT = 3.0  # repeated rows by which demonstrations do not differ
 LEAST_MOTION = 0.3  # share of that of the states around a row that repeats the action as well
 REPEATED_ROWS = 4  # rows that repeat states and actions while states move, and twice the usual second largest number
-PARTNER_MOVES = 1.0  # spreads that what goes with a column moves while that does not
 STILL_SHARE = 0.2  # share of a demonstration at whose end no observation changes while the action does
 IDLE_MOTION = 0.05  # motion, relative to the usual one, below which a step is idle
 MIN_IDLE = 10  # steps; shorter idle heads and tails are no fault
-LONG_IDLE, IDLE_SHARE = 16, (0.16, 0.16, 0.2)  # steps, and share of a demonstration, from which rest at its ends, and
-# between, is idle however usual
+LONG_IDLE, IDLE_SHARE = 16, (0.16, 0.16, 0.2)  # steps, and share at ends and between, of rest that is always idle
 SETTLING = 1.25  # times by which motion decays from the first to the last third of a tail of a controller that settles
 THIRD_DIFFERENCE = 3.016  # median size, .6745 sqrt(20), of that of noise of standard deviation 1: motion adds little
-NOISE_BAND = 5.0  # standard deviations of the noise of a state within which it is at rest
 LARGEST_BAND = 0.5  # spreads of a state: where rest may be farther apart, it does not tell rest from motion
-
 REST_STEPS = 8  # whose mean is compared with that of the next ones
 REST_SHARE = 0.01  # spreads that what rests may go in so many steps, beside its noise
 
@@ -67,8 +64,6 @@ MIN_CORRELATION = 0.3  # * of an action with the state, from which their lag is 
 SMALLEST_GAIN = 0.03  # * gain by a shift, relative to the usual agreement, by which clean ones do not differ
 OPPOSITE = 0.6  # share of the usual correlation, with the other sign, that an action of the other sign has
 LEAST_RELATED = 0.5  # correlation of an observation with an action from which on they go together
-
-WIDTH = 3  # steps before and after a change of all columns that are not the next largest
 
 # Commands and their states
 SAME_UNIT = 0.3  # of a slope, or a logarithm of it, from 1 within which a command is in the unit of its state
@@ -84,11 +79,8 @@ LAG_FITS, LAG_BETTER = 0.3, 2.0  # share that is left where a lag is known; time
 # The whole set
 TOUCHED = 0.6  # share of the demonstrations within a limit that touch it
 BEYOND_LIMIT = 0.05  # share of the range of an action that passes a limit
-GOES_ON = (
-    1.2  # mean logarithm of the change, in usual ones and 1 more, from one demonstration to the next, if it goes on
-)
+GOES_ON = 1.2  # mean logarithm of the change, in usual ones and 1 more, to the next demonstration, if it goes on
 APART, ALIKE = 2.0, 0.15  # ranges that two groups lie apart; share of that by which they may differ once exchanged
-
 NEAR_STATE = 0.25  # spreads of each column that states lie apart which are near, whose actions are compared
 
 # Angles that wrap
@@ -104,11 +96,7 @@ SCALE_FACTOR = 12.0  # * times the usual level and the usual change of a column,
 NEAR_SHARE = 0.005  # share of independent demonstrations that are taken for near duplicates
 NEAR_DUPLICATE = 0.02, 0.2  # times the median distance from the nearest one: near duplicates below it, none above it
 NEIGHBOUR_ROWS = 1_024  # points whose distances to all others are in memory together
-PARTS, DIRECTIONS, LENGTH_WEIGHT = (
-    8,
-    8,
-    10.0,
-)  # of a signature: parts, directions, spreads for a length e times longer
+PARTS, DIRECTIONS, LENGTH_WEIGHT = 8, 8, 10.0  # of a signature; the last, in spreads, of a length e times longer
 MIN_DUPLICATE = 50  # steps from which equal demonstrations of codes are duplicates: shorter ones are equal by chance
 LEAST_RANGE = 0.005  # range of a column, relative to the median, below which it never moves
 STEADY_RANGE = 0.25  # the same, or its inverse, within which demonstrations lie in which it moves

@@ -6,11 +6,11 @@ Arrays are (C, T), as in `rpil.faults.measured_columns`.
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 
-from rpil.data.text import moment
 from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock, not_recorded, ranges_and_zeros
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
@@ -18,21 +18,17 @@ from rpil.numerics.types import Array, Bool, Float, Int, Shaped
 
 
 class HeldValue(ComparingRule):
-    """One value for long, while others move."""
-
     sentence = "{column} stays at {at} for {long} from {first} while others move (usual: up to {most})"
     causes = ("length", "idle tail", "pause", "two episodes")
-    kinds: tuple[bool, ...] = (False, True)
-    """Whether the columns that the rule is about are actions."""
+    kinds: tuple[bool, ...] = (False, True)  # whether the columns that the rule is about are actions
     is_extreme = False
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """Of the run of one value that has most steps in motion: the number of these, its first step, its length and
-        the value; and the lowest and the highest value.
-        What rests with its partner, as a hand that is closed, does not stand still while others move: steps count in
-        which the partner changes. Then from where on no observation changes until the end, and in how many steps the
-        action does."""
+        the value; and the lowest and the highest value. A column rests with its partner, as a hand that is closed:
+        steps count in which that changes. Then from where on no observation changes, and in how many steps the action
+        does."""
         values, offsets, changed, partner = block.values, block.offsets, block.size > 0, block.columns.partner
         counts = block.moves & np.where(partner[:, None] < 0, True, changed[partner])
         still, first, length = longest_runs(changed, counts, offsets)
@@ -58,7 +54,7 @@ class HeldValue(ComparingRule):
         return above(value, np.where(moving >= settings.MOVING_SHARE, limit, np.inf))
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        return super().say(fault, m, c, at=f"{self.at[m, c]:.4g}")
+        return super().say(fault, m, c, at=f"{self.at[m, c]:.4g}" if fault.column else "")
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
@@ -71,18 +67,13 @@ class HeldValue(ComparingRule):
 class FrozenSensor(HeldValue):
     name, words = "frozen sensor", "an observation stays the same for long while others change"
     needs = "observations", "several"
+    sentence_of_all = "all observations stay the same from {first} on, while the action changes"
     kinds = (False,)
 
     def compare(self) -> Compared:
         of_columns, (first, n) = super().compare(), self.measured[-2:]
         of_all = n, settings.MIN_FROZEN, np.where(n >= settings.MIN_FROZEN, n, 0) / 6.0
         return self.with_all(of_columns, of_all, first, first + n)
-
-    def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        if fault.column:
-            return super().say(fault, m, c)
-        seconds = self.data.seconds
-        return f"all observations stay the same from {moment(fault.first, seconds)} on, while the action changes"
 
 
 class FrozenAction(HeldValue):
@@ -97,9 +88,6 @@ class Saturation(HeldValue):
 
 
 class NeverMoves(ComparingRule):
-    """Columns that move in the others, about as far in each, and never in this one, which more than a few may have
-    where the columns are not recorded."""
-
     name, words = "never moves", "a column does not move, and in the others it does"
     sentence = "{column} does not move, and in the others it does"
     takes_steps = True
@@ -118,13 +106,13 @@ class NeverMoves(ComparingRule):
         are_few = still.sum(axis=0) <= few(len(still))
         is_known = are_few & (low >= settings.STEADY_RANGE * usual) & (settings.STEADY_RANGE * high <= usual)
         still &= (self.data.lengths > 1)[:, None]  # a single step says nothing of motion
-        value, threshold, severity = above(still, np.where(is_known & (usual > 0), 0.5, np.inf))
-        pairs, far = self.data.learned.tracked, settings.PARTNER_MOVES * self.columns.spread
+        severity = np.where(is_known & (usual > 0), 2.0 * still, np.nan)
+        pairs, far = self.data.learned.tracked, self.columns.spread
         for a, s in zip(pairs.action, pairs.state, strict=True):
             for own, other in ((a, s), (s, a)) if pairs.is_command else ():  # what goes with it moves
                 severity[:, own] = np.where(still[:, own] & (ranges[:, other] > far[other]), 2.0, severity[:, own])
         alike = still * np.minimum(low, high) / np.maximum(high, 1e-300)  # the more it moves so in all others
-        return value, np.where(np.isfinite(threshold), threshold, 0.5), np.where(self.absent, 1e6, severity) + alike
+        return still, 0.5, np.where(self.absent, 1e6, severity) + alike
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         if self.absent[m, c]:
@@ -134,9 +122,8 @@ class NeverMoves(ComparingRule):
 
 def few(n_demonstrations: int) -> float:
     """Demonstrations that may have a fault of some kinds; what more have is usual."""
-    return min(
-        max(settings.FEW, math.ceil(settings.FEW_SHARE * n_demonstrations)), settings.MOST_FEW * n_demonstrations
-    )
+    least = max(settings.FEW, math.ceil(settings.FEW_SHARE * n_demonstrations))
+    return min(least, settings.MOST_FEW * n_demonstrations)
 
 
 def largest(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Float[Array, "M C"], Int[Array, "M C"]]:
@@ -146,10 +133,8 @@ def largest(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Flo
     return values.ravel()[place].T, (place - begins).T
 
 
-def next_largest(
-    values: Float[Array, "C T"], step: Int[Array, "M C"], offsets: Int[Array, " _"]
-) -> Float[Array, "M C"]:
-    """The largest value of each demonstration but for the steps around the one that has it."""
+def next_largest(values: Float[Array, "C T"], step: Int[Array, "M C"], offsets: Int[Array, " _"]) -> Array:
+    """The largest value of each demonstration but for the steps around the one that has it, (M, C)."""
     values, rows = values.copy(), np.arange(len(values))
     for off in range(-settings.WIDTH, settings.WIDTH + 1):
         values[rows, np.clip(step + off, 0, np.diff(offsets)[:, None] - 1) + offsets[:-1, None]] = 0.0
@@ -186,17 +171,11 @@ def runs_of(changed: Bool[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Arr
     return np.diff(starts, append=changed.size), starts, np.searchsorted(starts, first.ravel())
 
 
-Runs = tuple[Int[Array, " M"], Int[Array, " M"], Int[Array, " M"], Int[Array, " M"]]
-
-
-def resting_runs(block: MovingBlock) -> Runs:
+def resting_runs(block: MovingBlock) -> tuple[Int[Array, " M"], ...]:
     """Steps at rest at the beginning and at the end of each demonstration, and the first step and the length of its
-    longest rest between.
-
-    The means over W steps and over the next W lie within four standard deviations, and a hundredth of the column's
-    spread, of each other in every column whose noise is smaller than its motion; those of the first and of the last W
-    steps of a rest lie within twice that.
-    """
+    longest rest between. The means over W steps and over the next W lie within four standard deviations, and a share
+    of the spread, in every column whose noise is smaller than its motion; those of its first and last W within twice
+    that."""
     columns, w = block.columns, settings.REST_STEPS
     head, tail, first, longest = (np.zeros(len(block.numbers), dtype=int) for _ in range(4))
     band = 4.0 * np.sqrt(2.0 / w) * columns.noise + settings.REST_SHARE * columns.spread
@@ -207,12 +186,11 @@ def resting_runs(block: MovingBlock) -> Runs:
     total = np.cumsum(np.pad(block.values[tells], ((0, 0), (1, 0))), axis=1)
     means = (total[:, w:] - total[:, :-w]) / w  # of steps t to t + w - 1
     rests = (np.abs(means[:, w:] - means[:, :-w]) <= band).all(axis=0)
-    for m, (begin, end) in enumerate(zip(block.offsets[:-1].tolist(), block.offsets[1:].tolist(), strict=True)):
+    for m, (begin, end) in enumerate(itertools.pairwise(block.offsets.tolist())):
         if end - begin <= 2 * w:
             continue
-        own = np.concatenate([[False], rests[begin : end - 2 * w + 1], [False]])
-        edges = np.flatnonzero(own[1:] != own[:-1]).reshape(-1, 2)
-        for a, b in edges.tolist():
+        edges = np.flatnonzero(np.diff(rests[begin : end - 2 * w + 1], prepend=False, append=False))
+        for a, b in edges.reshape(-1, 2).tolist():
             n = b - a + 2 * w - 1
             if (np.abs(means[:, begin + a + n - w] - means[:, begin + a]) > 2.0 * band[:, 0]).any():
                 continue  # it creeps
@@ -226,9 +204,8 @@ def resting_runs(block: MovingBlock) -> Runs:
 
 
 def idle_runs(block: MovingBlock, is_command: bool) -> tuple[Array, ...]:
-    """The same of those rests in which the action stays exactly the same, cut to that, or, where actions are commands,
-    does not go on either; there less the W steps in which motion begins. A code may be a push. Then the
-    steps at the beginning and the end in which the action stays exactly the same."""
+    """The same of rests in which the action stays exactly the same, cut to that, or which are of commands, there less
+    the W steps in which motion begins; a code may be a push. Then the former alone, of the beginning and the end."""
     actions, offsets, w = block.block.actions, block.offsets, settings.REST_STEPS
     if actions.ndim == 1:
         return (np.zeros(len(block.numbers), dtype=int),) * 6
@@ -239,22 +216,14 @@ def idle_runs(block: MovingBlock, is_command: bool) -> tuple[Array, ...]:
     since = np.minimum.reduceat(np.where(acted, steps, len(steps)), begins) - begins - 1
     until = ends - np.maximum.reduceat(np.where(acted, steps, -1), begins) - 1
     ever = acts[ends] > acts[begins]  # an action that never changes tells nothing
-    exact = [
-        np.where(ever & (same >= settings.MIN_IDLE), np.minimum(n, same), 0)
-        for n, same in ((head, since), (tail, until))
-    ]
     # What is steady may go on: of speeds, the action is none.
     none = is_command | (actions == 0).all(axis=1)
-    places = begins, ends - 1, np.minimum(begins + first + middle // 2, len(steps) - 1)
-    rest_of = [np.where(none[at], n, 0) for n, at in zip((*exact, middle), places, strict=True)]
-    head, tail = (
-        np.where(same > 0, same, np.maximum(n - w, 0) * is_command)
-        for n, same in zip((head, tail), rest_of[:2], strict=True)
-    )
-    inner = np.clip(begins + first + w, 0, len(steps)), np.clip(begins + first + middle - w, 0, len(steps))
-    still = ever & (acts[inner[1]] <= acts[inner[0]])
-    first, middle = (
-        np.where(still, first, first + w // 2),
-        np.where(still, rest_of[2], np.maximum(middle - w, 0) * is_command),
-    )
-    return head, tail, first, middle, *exact
+    exact, idle = [], []
+    for n, same, at in ((head, since, begins), (tail, until, ends - 1)):
+        exact.append(np.where(ever & (same >= settings.MIN_IDLE), np.minimum(n, same), 0))
+        idle.append(np.where((exact[-1] > 0) & none[at], exact[-1], np.maximum(n - w, 0) * is_command))
+    middle = middle * none[np.minimum(begins + first + middle // 2, len(steps) - 1)]
+    early, late = (np.clip(begins + first + at, 0, len(steps)) for at in (w, middle - w))
+    still = ever & (acts[late] <= acts[early])
+    middle = np.where(still, middle, np.maximum(middle - w, 0) * is_command)
+    return *idle, np.where(still, first, first + w // 2), middle, *exact

@@ -8,6 +8,7 @@ demonstration is needed to know it.
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -29,17 +30,12 @@ _ROLE_WORDS = re.compile(
 class Tracked:
     """P actions and the states that go with them."""
 
-    action: Int[Array, " P"]
+    action: Int[Array, " P"]  # a number of `MeasuredColumns`, as the next one
     state: Int[Array, " P"]
-    """Both are numbers of `MeasuredColumns`."""
-    slope: Float[Array, " P"]
-    """How the action changes with its state: 1 where it is a command in the unit of the state."""
-    fits: Bool[Array, " P"]
-    """Whether it usually does."""
-    lag: int = 0
-    """Steps after which the states usually follow."""
-    is_command: bool = False
-    """Whether the actions are known to be commands in the units of the states."""
+    slope: Float[Array, " P"]  # how the action changes with its state: 1 where it is a command in the unit of the state
+    fits: Bool[Array, " P"]  # whether it usually does
+    lag: int = 0  # steps after which the states usually follow
+    is_command: bool = False  # whether the actions are known to be commands in the units of the states
 
 
 def find_tracked(sample: MovingBlock) -> Tracked:
@@ -85,12 +81,10 @@ def parts_of(block: MovingBlock, pairs: Tracked) -> Iterator[tuple[Array, Array]
     """The actions and the states of each demonstration, (P, T), the states taken later by the lag."""
     late, early = max(pairs.lag, 0), max(-pairs.lag, 0)
     actions, states = block.values[pairs.action], block.values[pairs.state]
-    for begin, end in zip(block.offsets[:-1].tolist(), block.offsets[1:].tolist(), strict=True):
-        cut = min(late + early, max(end - begin - 2, 0))  # of a demonstration that is shorter, nothing is known
-        yield (
-            actions[:, begin + min(early, cut) : end - min(late, cut)],
-            states[:, begin + min(late, cut) : end - min(early, cut)],
-        )
+    for begin, end in itertools.pairwise(block.offsets.tolist()):
+        most = max(end - begin - 2, 0)  # of a demonstration that is shorter, nothing is known
+        first, last = min(early, most), min(late, most)
+        yield actions[:, begin + first : end - last], states[:, begin + last : end - first]
 
 
 def squared_correlation(actions: Float[Array, "A T"], states: Float[Array, "S T"]) -> Float[Array, "A S"]:
@@ -102,8 +96,7 @@ def squared_correlation(actions: Float[Array, "A T"], states: Float[Array, "S T"
 
 def relation(actions: Float[Array, "P T"], states: Float[Array, "P T"], is_command: bool) -> tuple[Array, ...]:
     """Slope and squared correlation of each action with its own state; the other state that goes with it best; and the
-    shares of the variance of the action that its own state leaves, and that the other leaves: commands are compared
-    with the states as they are."""
+    shares of its variance that its own state, as it is for commands, and the other leave."""
     share, own = squared_correlation(actions, states), np.arange(len(actions))
     a, s = (values - values.mean(axis=1, keepdims=True) for values in (actions, states))
     power = np.maximum((a**2).sum(axis=1), 1e-300)
@@ -126,18 +119,15 @@ def misfits(block: MovingBlock, pairs: Tracked) -> Float[Array, "M K"]:
     spread = block.columns.spread[own, None]
     actions = block.values[own] / spread
     states = block.values[pairs.state[fits]] * pairs.slope[fits, None] / spread
-    out = []
-    for lag in (None, *range(-settings.MAX_SHIFT, settings.MAX_SHIFT + 1)):
-        late, early = max(lag or 0, 0), max(-(lag or 0), 0)
-        off = np.zeros_like(actions)
-        n = off.shape[1] - late - early
-        off[:, early : early + n] = actions[:, early : early + n]
-        if lag is not None:  # first the variance itself
-            off[:, early : early + n] -= states[:, late : late + n]
-        if lag:  # where the state would be of another demonstration
-            ends = offsets[1:, None] - 1 - np.arange(late) if late else offsets[:-1, None] + np.arange(early)
-            off[:, np.clip(ends, 0, off.shape[1] - 1)] = 0.0
-        steps = np.maximum(lengths - late - early, 1)
-        mean, square = (np.add.reduceat(x, offsets[:-1], axis=1) / steps for x in (off, off**2))
-        out.append(np.maximum(square - mean**2, 0.0).sum(axis=0))
-    return np.asarray(np.stack(out[1:], axis=1) / np.maximum(out[0], 1e-12)[:, None])
+    begin, end, at = *(np.repeat(each, lengths) for each in (offsets[:-1], offsets[1:])), np.arange(offsets[-1])
+    variances = []
+    for lag in range(-settings.MAX_SHIFT, settings.MAX_SHIFT + 1):
+        inside = (at + lag >= begin) & (at + lag < end)  # else the state is of another demonstration
+        variances.append(_variance((actions - np.roll(states, -lag, axis=1)) * inside, lengths - abs(lag), offsets))
+    return np.asarray(np.stack(variances, axis=1) / np.maximum(_variance(actions, lengths, offsets), 1e-12)[:, None])
+
+
+def _variance(values: Float[Array, "P T"], steps: Int[Array, " M"], offsets: Int[Array, " _"]) -> Float[Array, " M"]:
+    """Of so many steps of each demonstration that are not 0, the sum over the rows."""
+    mean, square = (np.add.reduceat(x, offsets[:-1], axis=1) / np.maximum(steps, 1) for x in (values, values**2))
+    return np.asarray(np.maximum(square - mean**2, 0.0).sum(axis=0))

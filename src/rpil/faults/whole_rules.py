@@ -69,8 +69,7 @@ class OtherLag(ComparingRule):
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """Steps by which the lag is shifted from the usual one, and what that shift adds to the agreement of the
-        cross-correlations, relative to the usual one; and the correlation of each pair, (M, P)."""
+        """As `shifts`."""
         return shifts(block, learned.pairs)
 
     def compare(self) -> Compared:
@@ -101,10 +100,9 @@ class OtherLag(ComparingRule):
         return np.where(self.early > 0, self.early + 1, steps), 1, np.fmax(severity, 2.0 * self.early)
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        if self.early[m] > 0:
-            steps = self.data.in_steps(int(fault.value))
-            return f"the state moves {steps} before its command: the actions are recorded late, or moved"
         steps, when = self.data.in_steps(int(fault.value)), "later" if self.shift[m] > 0 else "sooner"
+        if self.early[m] > 0:
+            return f"the state moves {steps} before its command: the actions are recorded late, or moved"
         return super().say(fault, m, c, steps=steps, when=when)
 
     def usual(self) -> str:
@@ -116,8 +114,6 @@ class OtherLag(ComparingRule):
 
 
 class Sign(ComparingRule):
-    """A few demonstrations in which an action and what follows it have the opposite correlation."""
-
     name, words = "sign", "an action, or the state that follows it, has the other sign than usual"
     sentence = "{column}, or what follows it, has the other sign"
     needs = ("lag", "several")
@@ -126,8 +122,7 @@ class Sign(ComparingRule):
     measure = OtherLag.measure
 
     def compare(self) -> Compared:
-        agreement, learned = self.measured[2], self.data.learned
-        pairs = learned.pairs
+        agreement, learned, pairs = self.measured[2], self.data.learned, self.data.learned.pairs
         self.names = tuple(self.columns.names[pair.action] for pair in pairs)
         usual = np.array([pair.correlation for pair in pairs])
         by_chance = settings.TAIL * 2.0 / np.sqrt(self.data.lengths)[:, None]
@@ -140,8 +135,6 @@ class Sign(ComparingRule):
 
 
 class FrameRate(CommandRule):
-    """A few demonstrations that go farther in a step, and whose states come nearer to their commands in a step."""
-
     name, words = "frame rate", "its frames come at another rate, or it moves in one step as the others do in two"
     sentence = "its states go {value:.2g} times as far in a step by the same action: perhaps steps are missing"
     needs = ("commands", "several")
@@ -161,8 +154,6 @@ class FrameRate(CommandRule):
 
 
 class Duplicate(Rule):
-    """Of each demonstration that is the same as an earlier one, or nearly: the earlier one."""
-
     name, words = "duplicate", "another demonstration is the same, or nearly"
     causes = ("never moves",)
 
@@ -191,14 +182,14 @@ class Duplicate(Rule):
         are_measured = bool(data.learned.columns.names)
         first = Copies.of(digest).copy_of
         is_copy = (first < np.arange(len(first))) & (are_measured | (data.lengths >= settings.MIN_DUPLICATE))
-        twins = [(m, int(first[m]), 0.0, 0.0, 1e3, "") for m in np.flatnonzero(is_copy).tolist()]
+        twins = [(m, int(first[m]), 0.0, 0.0, "") for m in np.flatnonzero(is_copy).tolist()]
         if are_measured and len(signatures) >= settings.FEWEST_DEMONSTRATIONS:
             distance, nearest = nearest_others(signatures)
             limit = near_limit(distance)
-            for m in np.flatnonzero((distance < limit) & (nearest < np.arange(len(nearest))) & ~is_copy).tolist():
-                value = float(distance[m])
-                twins.append((m, int(nearest[m]), value, limit, min(limit / value, 1e3) if value else 1e3, "nearly "))
-        for m, twin, value, limit, severity, how in twins:
+            near = (distance < limit) & (nearest < np.arange(len(nearest))) & ~is_copy
+            twins += [(m, int(nearest[m]), float(distance[m]), limit, "nearly ") for m in np.flatnonzero(near).tolist()]
+        for m, twin, value, limit, how in twins:
+            severity = min(limit / value, 1e3) if value else 1e3
             sentence, last = f"it is {how}the same as demonstration {data.ids[twin]!r}", int(data.lengths[m]) - 1
             yield Fault(cls.name, data.ids[m], 0, last, "", value, limit, severity, sentence)
 
@@ -231,15 +222,12 @@ def near_limit(distance: Array) -> float:
 
 
 class IdleEnd(ComparingRule):
-    """Idle beginnings and ends, which may be trimmed."""
-
-    part = 0
-    """Of the beginning, 0, the end, 1, or between, 2."""
+    part = 0  # of the beginning, 0, the end, 1, or between, 2
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """Steps before the first and after the last step that moves, of each demonstration. Where motion grows slowly,
-        or decays as that of a controller that settles, nothing is idle. Then `idle_runs`, which count as well."""
+        """Steps before the first and after the last step that moves; nothing is idle where motion grows slowly, or
+        decays as that of a controller that settles. Then `idle_runs`, which count as well."""
         moves, offsets = block.moves, block.offsets
         n, steps = len(moves), np.arange(len(moves))
         first = np.minimum.reduceat(np.where(moves, steps, n), offsets[:-1])
@@ -260,9 +248,8 @@ class IdleEnd(ComparingRule):
     def compare(self) -> Compared:
         idle, rest, lengths = self.measured[self.part], self.measured[3 + self.part], self.data.lengths
         factor, least = settings.USUAL_FACTOR, settings.MIN_IDLE
-        idle, limit, severity = above(idle, np.maximum(self.fence(idle, factor, least / factor), least))
-        long = is_long(rest, lengths, self.part)
-        idle = np.where(long, np.maximum(idle, rest), idle)
+        _, limit, severity = above(idle, np.maximum(self.fence(idle, factor, least / factor), least))
+        idle, long = idle_steps(self.data, self.part)
         self.first = (self.first, lengths - idle, self.measured[6])[self.part]
         self.last = self.first + idle - 1
         severity = np.where(long, np.fmax(severity, rest / settings.LONG_IDLE), severity)
@@ -286,18 +273,16 @@ class Pause(IdleEnd):
     part = 2
 
 
-def is_long(rest: Int[Array, " M"], lengths: Int[Array, " M"], part: int) -> Bool[Array, " M"]:
-    """Whether so many steps at rest are idle however usual they are."""
-    return np.asarray((rest >= np.maximum(settings.LONG_IDLE, settings.IDLE_SHARE[part] * lengths)) & (rest < lengths))
+def idle_steps(data: Measurements, part: int) -> tuple[Int[Array, " M"], Bool[Array, " M"]]:
+    """Idle steps of a part, and whether there are so many that they are idle however usual."""
+    idle, rest = (data.measured[IdleEnd.measure][part + k] for k in (0, 3))
+    long = (rest >= np.maximum(settings.LONG_IDLE, settings.IDLE_SHARE[part] * data.lengths)) & (rest < data.lengths)
+    return np.where(long, np.maximum(idle, rest), idle), long
 
 
 def trims(data: Measurements) -> dict[Id, tuple[int, int]]:
     """The steps to keep of each demonstration with idle ends, whether they are usual or not."""
-    least = settings.MIN_IDLE
-    head, tail, _, *rest = (np.where(idle >= least, idle, 0) for idle in data.measured[IdleEnd.measure][:5])
-    head, tail = (
-        np.where(is_long(n, data.lengths, 0), np.maximum(of, n), of) for of, n in zip((head, tail), rest, strict=True)
-    )
+    head, tail = (n * (n >= settings.MIN_IDLE) for n, _ in (idle_steps(data, part) for part in (0, 1)))
     end = data.lengths - tail
     idle = np.flatnonzero((head + tail > 0) & (head < end)).tolist()
     return {data.ids[m]: (int(head[m]), int(end[m])) for m in idle}

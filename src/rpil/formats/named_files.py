@@ -13,8 +13,7 @@ from rpil.formats.format import Defect
 from rpil.formats.scan import parts_in_words
 
 _SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".npy", ".npz", ".mp4", ".avi", ".wav", ".pcd")
-_FOLDERS = ("", "images", "IMG", "img")
-"""Where recorders put them beside their table."""
+_FOLDERS = ("", "images", "IMG", "img")  # where recorders put them beside their table
 
 
 def in_table(table: pa.Table, folder: Path) -> Iterator[Defect]:
@@ -39,8 +38,7 @@ def in_text(path: Path) -> Iterator[Defect]:
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as lines:
         rows = csv.DictReader(lines)
         first = next(rows, {})
-        names = [name for name, text in first.items() if str(text).strip().lower().endswith(_SUFFIXES)]
-        if names:
+        if names := [name for name, text in first.items() if str(text).strip().lower().endswith(_SUFFIXES)]:
             every = [first, *rows]
             yield from in_table(pa.table({name: [str(row.get(name)) for row in every] for name in names}), path.parent)
 
