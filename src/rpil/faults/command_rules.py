@@ -79,6 +79,9 @@ class CommandAgainstState(CommandRule):
         fits = pairs.fits | ((own >= settings.TRACKS) & (np.abs(slope - 1.0) <= settings.SAME_UNIT))
         least = np.maximum(settings.ERRORS * error, settings.LEAST_GAP * spread) + 1e-12
         level = np.where(fits, np.abs(gap) / least, 0.0)
+        # What many have by little may be the load of an arm.
+        is_usual = (level > 1).mean(axis=0) > settings.MOST_FEW
+        level = np.where(is_usual & (np.abs(gap) < settings.LEAST_USUAL_GAP * spread), 0.0, level)
         ratio, moves = slope / pairs.slope, own >= settings.SURE
         # A pair that never fits may have a unit of its own by design, but no other sense in the same unit.
         usual = pairs.fits | ((np.abs(ratio - 1.0) <= settings.SAME_UNIT) & moves).any(axis=0)

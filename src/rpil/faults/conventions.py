@@ -11,7 +11,7 @@ from rpil.data.demonstrations import DemonstrationSet
 from rpil.data.text import listed
 from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock, means
-from rpil.faults.motion import Jump
+from rpil.faults.motion import Jump, Wraps
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, Rule, in_words
 from rpil.faults.still import few
 from rpil.numerics.types import Array, Bool, Float
@@ -22,7 +22,9 @@ class ConstantAction(Rule):
 
     @classmethod
     def find(cls, demonstrations: DemonstrationSet, learned: Learned) -> Iterator[Fault]:
-        """Those whose range is 0."""
+        """Those whose range is 0; a text has none."""
+        if demonstrations.is_discrete and demonstrations.classes.dtype.kind not in "iuf":
+            return
         low, high, of = demonstrations.low, demonstrations.high, learned.action_labels
         if same := [a for a in range(len(of)) if low[a] == high[a]]:
             every = listed([f"{of[a]} is {low[a]:.4g}" for a in same])
@@ -122,7 +124,11 @@ class Conventions(ComparingRule):
     measure = TwoEpisodes.measure
 
     def findings(self) -> Iterator[Fault]:
-        for column, rows, said in self.told():
+        told = [(column, rows if rows[0] else ~rows, said, kind) for column, rows, said, kind in self.told()]
+        for column, rows, said, _ in told:
+            kinds = {kind for _, other, _, kind in told if (other == rows).all()}
+            if len(kinds) < 2 and not self.is_change(rows):
+                continue
             if rows.mean() > 0.5 or (rows.mean() == 0.5 and rows[0]):
                 rows = ~rows
             ids = tuple(self.data.ids[m] for m in np.flatnonzero(rows).tolist())
@@ -130,21 +136,29 @@ class Conventions(ComparingRule):
             sentence = f"{which}: {said} than in the other {len(rows) - len(ids):,}; which is right cannot be known"
             yield Fault(self.name, "", 0, 0, column, float(rows.mean()), 0.0, 1.0 + float(rows.mean()), sentence, ids)
 
-    def told(self) -> Iterator[tuple[str, Bool[Array, " M"], str]]:
-        """A column, some demonstrations, and what of it is other there."""
+    def is_change(self, rows: Bool[Array, " M"]) -> bool:
+        """Whether the set changes once, in order, and not with the task: else one column may differ by what is done."""
+        tasks = [self.data.tasks.get(str(name), "") for name in self.data.ids]
+        of_task = len({*tasks}) > 1 and not {*itertools.compress(tasks, rows)} & {*itertools.compress(tasks, ~rows)}
+        return bool((rows[1:] != rows[:-1]).sum() == 1 and not of_task)
+
+    def told(self) -> Iterator[tuple[str, Bool[Array, " M"], str, object]]:
+        """A column, some demonstrations, what of it is other there, and what it is evidence of."""
         is_action, names, features = self.columns.is_action, self.columns.names, np.stack(self.measured[:3])
-        pairs, groups = self.data.learned.tracked, [(c, two_groups(features[0, :, c])) for c in range(len(names))]
-        commands = {*pairs.action.tolist(), *pairs.state.tolist()} if pairs.is_command else set[int]()
+        pairs, wraps = self.data.learned.tracked, (self.data.measured[Wraps.measure][0] > 0).sum(axis=0)
+        groups = [(c, two_groups(features[0, :, c])) for c in range(len(names)) if not wraps[c]]
+        commands = dict(zip(pairs.action.tolist(), pairs.state.tolist(), strict=True)) if pairs.is_command else {}
+        joints = {state: state for state in commands.values()} | commands
         parts = [(c, rows) for c, rows in groups if rows is not None]
         for (i, rows), (j, other) in itertools.combinations_with_replacement(parts, 2):
             if not (rows == other).all() and not (rows != other).all():
                 continue
             (u, x), (v, y) = (features[:, of][..., [i, j]].mean(axis=1).T for of in (rows, ~rows))
             least = settings.ALIKE * np.abs(u - v).min()
-            if i == j and i in commands and np.abs(u + v).max() <= least:
-                yield names[i], rows, f"{names[i]} has another sign"
+            if i == j and i in joints and np.abs(u + v).max() <= least:
+                yield names[i], rows, f"{names[i]} has another sign", joints[i]
             if i != j and is_action[i] == is_action[j] and np.abs([u - y, v - x]).max() <= least:
-                yield names[i], rows, f"{names[i]} and {names[j]} are in another order"
+                yield names[i], rows, f"{names[i]} and {names[j]} are in another order", (bool(is_action[i]),)
 
 
 def two_groups(values: Float[Array, " M"]) -> Bool[Array, " M"] | None:

@@ -120,7 +120,8 @@ class RepeatedFrames(ComparingRule):
         least = settings.REPEAT_MOTION * columns.motion
         of_states = RepeatedFrames.between(changed, block.motion > least, offsets)
         # A state that rests does not begin to move in the step in which the action changes, but after it.
-        acted = np.append(True, (np.diff(actions.reshape(len(actions), -1), axis=0) != 0).any(axis=1))
+        acts = actions.reshape(len(actions), -1)  # texts have no difference
+        acted = np.append(True, (acts[1:] != acts[:-1]).any(axis=1))
         moved = np.minimum(size / columns.scale[~columns.is_action, None], 3.0).sum(axis=0) / max(len(size), 1)
         moves = moved > settings.LEAST_MOTION * least
         return *of_states[:3], *RepeatedFrames.between(changed | acted, moves, offsets)[1:]

@@ -142,11 +142,14 @@ class FaultReport:
         n_other = sum(found.id == "" for found in self.findings)
         n_found = len({found.id for found in self.findings} - {""})
         said = f"{counted(len(self.findings) - n_other, 'recording fault')} found in {n_found:,} of {size}"
-        if not n_found:
-            why = self.not_checked.get("duplicate", "")  # which is looked for wherever anything is
-            said = f"No recording faults {f'were looked for in {size}: {why}' if why else f'found in {size}'}"
+        why = self.not_checked.get("duplicate", "")  # which is looked for wherever anything is
+        if why and not n_found:
+            other = f"; {counted(n_other, 'recording fault')} of the folder" * bool(n_other)
+            return f"No recording faults were looked for in {size}{other}: {why.rstrip('.')}."
+        if n_other and not n_found:
+            return f"{counted(n_other, 'recording fault')} of the whole set, of {size}."
         other = f"; {counted(n_other, 'recording fault')} of the whole set" * bool(n_other)
-        return f"{said}{other}."
+        return f"{said if n_found else f'No recording faults found in {size}'}{other}."
 
     def table(self) -> dict[str, list[object]]:
         """Columns with a row for each finding, the worst first: its number, and the fields of `Fault`; ids are text."""

@@ -70,6 +70,7 @@ SAME_UNIT = 0.3  # of a slope, or a logarithm of it, from 1 within which a comma
 TRACKS, SURE = 0.5, 0.8  # squared correlation from which a state follows its command, and from which that is sure
 GAP_QUANTILES, GAP_WIDTH = (0.05, 0.5, 0.95), 3.29  # of command less state; standard deviations between them
 ERRORS, LEAST_GAP = 3.0, 0.2  # tracking errors, and spreads of the action, that command and state lie apart
+LEAST_USUAL_GAP = 0.5  # spreads of the action, where many lie apart
 OTHER_FITS = 5.0  # times less of an action is left by another state than by its own
 OTHER_UNIT, UNITS, UNIT_ERROR = 3.0, (57.29578, 1000.0), 0.05  # times larger; known units, and how near in logarithms
 IS_STATE = 0.05  # share of what is left beside, below which the state of the same step is the action
