@@ -13,9 +13,10 @@ from rpil.faults.checking import check
 from rpil.faults.report import RULES
 
 
-def test_codes_are_no_measurements():
+@pytest.mark.parametrize("codes", [np.arange(3), np.array(["left", "right", "stay"])])
+def test_codes_are_no_measurements(codes):
     rng = np.random.default_rng(0)
-    episodes = [(np.eye(6)[rng.integers(6, size=50)], rng.integers(3, size=50)) for _ in range(20)]
+    episodes = [(np.eye(6)[rng.integers(6, size=50)], codes[rng.integers(3, size=50)]) for _ in range(20)]
     report = check(Demonstrations.from_episodes(episodes))
     assert report.findings == ()
     assert {name for name, rule in RULES.items() if "columns" in rule.needs} <= set(report.not_checked)

@@ -22,12 +22,10 @@ class ConstantAction(Rule):
 
     @classmethod
     def find(cls, demonstrations: DemonstrationSet, learned: Learned) -> Iterator[Fault]:
-        """Those whose range is 0; a text has none."""
-        if demonstrations.is_discrete and demonstrations.classes.dtype.kind not in "iuf":
-            return
-        low, high, of = demonstrations.low, demonstrations.high, learned.action_labels
-        if same := [a for a in range(len(of)) if low[a] == high[a]]:
-            every = listed([f"{of[a]} is {low[a]:.4g}" for a in same])
+        """Those whose range is 0."""
+        of = learned.action_labels  # none of codes, which may be text
+        if same := [a for a in range(len(of)) if demonstrations.low[a] == demonstrations.high[a]]:
+            every = listed([f"{of[a]} is {demonstrations.low[a]:.4g}" for a in same])
             what, them = ("their ranges are", "them") if len(same) > 1 else ("its range is", "it")
             column = "" if len(same) > 1 else of[same[0]]
             said = f"{every} in every step: {what} 0, by which min-max normalisation divides; leave {them} out"

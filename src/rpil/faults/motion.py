@@ -114,14 +114,13 @@ class RepeatedFrames(ComparingRule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """The first three of `between`; and, of rows that repeat the action as well, the others."""
-        columns, offsets, actions = block.columns, block.offsets, block.block.actions
-        size = block.size[~columns.is_action]
+        columns, offsets, size = block.columns, block.offsets, block.size[~block.columns.is_action]
         changed: Array = np.any(size > 0, axis=0)
         least = settings.REPEAT_MOTION * columns.motion
         of_states = RepeatedFrames.between(changed, block.motion > least, offsets)
         # A state that rests does not begin to move in the step in which the action changes, but after it.
-        acts = actions.reshape(len(actions), -1)  # texts have no difference
-        acted = np.append(True, (acts[1:] != acts[:-1]).any(axis=1))
+        actions = block.block.actions.reshape(len(block.block.actions), -1)  # codes may be text
+        acted = np.append(True, (actions[1:] != actions[:-1]).any(axis=1))
         moved = np.minimum(size / columns.scale[~columns.is_action, None], 3.0).sum(axis=0) / max(len(size), 1)
         moves = moved > settings.LEAST_MOTION * least
         return *of_states[:3], *RepeatedFrames.between(changed | acted, moves, offsets)[1:]

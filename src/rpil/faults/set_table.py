@@ -42,8 +42,8 @@ class SetTable:
         return {"set": self.facts, "actions": rows, "stumbles": self.stumbles}
 
     def panels(self) -> list[list[tuple[str, ...]]]:
-        """The rows of two tables, of the set and of its actions, their headers first."""
-        return [[("of the set", ""), *self.facts.items()], [HEADER, *self.actions]]
+        """The rows of a table of the set, and of one of its actions where these are numbers, their headers first."""
+        return [[("of the set", ""), *self.facts.items()], *([HEADER, *self.actions],) * bool(self.actions)]
 
     def lines(self) -> list[str]:
         """In Markdown, for a terminal and for a dataset card."""
