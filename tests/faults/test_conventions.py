@@ -64,6 +64,35 @@ def test_another_sign_in_a_part_names_the_smaller_part(share):
     assert "has another sign" in found[0].sentence
 
 
+@pytest.mark.parametrize("told", [False, True])
+def test_tasks_with_homes_on_either_side_are_no_conventions(told):
+    """One joint begins at 80 or at -80, by the task: in turns, or one task after the other with a column of tasks."""
+    is_other = [m >= N / 2 if told else m % 2 for m in range(N)]
+    episodes = [
+        (x * [1, -1, 1, 1], a * [1, -1, 1, 1]) if o else (x, a) for (x, a), o in zip(CLEAN, is_other, strict=True)
+    ]
+    frames = [
+        pd.DataFrame(np.c_[x, a], columns=[*(f"state.{k}" for k in range(4)), *(f"action.{k}" for k in range(4))])
+        for x, a in episodes
+    ]
+    frame = pd.concat([one.assign(episode=m, task="place" if is_other[m] else "pick") for m, one in enumerate(frames)])
+    options = {"task": "task"} if told else {"observations": "state.*"}
+    assert "two conventions" not in check(rpil.open(frame, **options)).counts
+
+
+def test_a_wrapped_angle_is_not_of_another_sign():
+    """It begins on either side of 180 degrees, goes over it, and comes back."""
+    episodes = []
+    for m, (x, a) in enumerate(CLEAN):
+        side = (-1) ** m
+        both = [np.c_[side * (170 + values[:, 0] - HOME[0]), values[:, 1:]] for values in (x, a)]
+        x, a = (np.c_[(values[:, :1] + 180) % 360 - 180, values[:, 1:]] for values in both)
+        episodes.append((x, a))
+    counts = check(demonstrations(episodes)).counts
+    assert "wraps" in counts
+    assert "two conventions" not in counts
+
+
 def test_two_ways_that_begin_alike_are_no_conventions():
     bend = [
         np.sin(np.linspace(0, np.pi, len(x)))[:, None] * [0, 0, 60 * (-1) ** m, 0] for m, (x, _) in enumerate(CLEAN)
