@@ -22,7 +22,7 @@ BUDGETS = {
     "cli": (2517, 25),
     "data": (2933, 35),
     "estimators": (2089, 19),
-    "faults": (2737, 122),
+    "faults": (2738, 122),
     "formats": (6686, 73),
     "inference": (2144, 89),
     "mixture": (797, 20),

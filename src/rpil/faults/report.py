@@ -112,7 +112,8 @@ class FaultReport:
             worst, names = inside[0], {found.id for found in inside}
             where = tuple(name for name in self.ids if name in names)
             alike = len({found.column for found in inside}) == 1
-            worst_in = "" if alike else f", the worst in {printable(worst.id)}"
+            is_same = len({found.sentence for found in inside}) == 1
+            worst_in = "" if is_same else f", the worst in {printable(worst.id)}"
             sentence = f"{in_words(where, self.ids, self.tasks)}{worst_in}: {worst.sentence}"
             lines += [found for found in same if found.id == ""]
             lines.append(replace(worst, id="", column=worst.column * alike, sentence=sentence, ids=where))
