@@ -31,6 +31,11 @@ sys.exit(str({"numpy", "scipy", "sklearn", "rich", "pyarrow", "matplotlib", "jin
 """
 
 
+def test_an_unknown_option_names_those_that_are_near():
+    """In the words of click, which differ by its version."""
+    refused("No such option.*--sed.*--id.*--seed.*; see rpil audit --help", "audit", "d.parquet", "--sed", "1")
+
+
 def test_help_of_every_command_imports_no_slow_module():
     assert subprocess.run([sys.executable, "-c", HELP], capture_output=True, text=True).stderr == "set()\n"
 
