@@ -161,3 +161,18 @@ def test_an_unknown_extension_is_named_with_those_that_fit():
     assert check_extension("A.CSV", [".csv"]).name == "A.CSV"
     with pytest.raises(DataError, match=r"a\.txt: unknown extension '\.txt' for labels; use one of \.csv, \.json"):
         check_extension("a.txt", [".csv", ".json"], "labels")
+
+
+@pytest.mark.parametrize("writer", [replacing, new_folder])
+def test_data_are_on_the_disk_before_they_have_their_name(tmp_path, monkeypatch, writer):
+    done = []
+    sync = os.fsync
+    monkeypatch.setattr(os, "fsync", lambda opened: (done.append(os.fstat(opened).st_ino), sync(opened)))
+    with writer(tmp_path / "out") as temporary:
+        file = temporary / "in" / "file" if writer is new_folder else temporary
+        file.parent.mkdir(exist_ok=True)
+        file.write_text("whole")
+        number = file.stat().st_ino
+        assert not done
+        assert not (tmp_path / "out").exists()
+    assert done == [number]

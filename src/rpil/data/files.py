@@ -93,6 +93,10 @@ def replacing(path: StrPath) -> Iterator[Path]:
         if target.exists():  # only its owner may read the new one until it has the permissions of the old one
             temporary.touch(0o600)
         yield temporary
+        for file in [temporary, *temporary.rglob("*")]:
+            if file.is_file():  # after a power cut its name does not stand for half of it
+                with file.open("rb+") as stream:
+                    os.fsync(stream.fileno())
         if target.exists():
             shutil.copymode(target, temporary)
         os.replace(temporary, target)
