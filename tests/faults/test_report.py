@@ -60,3 +60,20 @@ def test_the_report_is_a_frame_a_file_and_text(tmp_path):
     assert repr(report).startswith("1 recording fault found in 1 of 12 demonstrations")
     assert "  5: y jumps" in repr(report)
     assert rpil.check(demonstrations(CLEAN)).to_frame("pyarrow").num_rows == 0
+
+
+def test_a_line_of_many_says_whose_numbers_it_has():
+    """Unless all have the same."""
+    episodes = recording()
+
+    def line_of(lengths):
+        idle = [
+            tuple(np.insert(values, [0] * n, values[0], axis=0) for values in one)
+            for one, n in zip(episodes, lengths, strict=True)
+        ]
+        report = rpil.check(demonstrations(idle))
+        (line,) = (one for one in report.lines if one.rule == "idle head")
+        return line.sentence
+
+    assert ", the worst in 7: nothing moves" in line_of([40 + 30 * (m == 7) for m in range(12)])
+    assert "the worst in" not in line_of([40] * 12)
