@@ -7,7 +7,7 @@ import re
 import shlex
 import shutil
 import warnings
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 
 from rpil.data.arrays import Id, group_rows
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, new_folder
+from rpil.data.files import StrPath, check_readable, new_folder
 from rpil.data.folders import copy_folder
 from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
@@ -28,7 +28,7 @@ from rpil.data.names import quoted
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, Shot
-from rpil.formats.lerobot import checked_folder, video
+from rpil.formats.lerobot import checked_folder
 from rpil.formats.lerobot.checked_folder import EPISODES_STATS, INFO, PATHS, STATS, ByFeature, CheckedFolder
 from rpil.formats.lerobot.defects import find_defects, find_shots, in_times, in_videos
 from rpil.formats.meta_folder import cameras, chunk_size, fill
@@ -52,7 +52,7 @@ def claims(path: Path) -> bool:
 
 
 def check_output(path: Path, output: Path) -> dict[str, Parsed]:
-    """What ``meta/info.json`` says; a `DataError` or `MissingExtraError` where `keep` cannot write to `output`."""
+    """What ``meta/info.json`` says; a `DataError` where `keep` cannot write to `output`."""
     info = CheckedFolder(path).info
     version = info.get("codebase_version")
     if version not in PATHS:
@@ -66,8 +66,6 @@ def check_output(path: Path, output: Path) -> dict[str, Parsed]:
             raise ValueError(f"{wrong[0]!r} is no name of a camera")
         if info["chunks_size"] < 1 or not 0 < fps < 1e9:
             raise ValueError("chunks_size is no whole number above 0, or fps none")
-    if seen and version == "v3.0" and (path / "videos").is_dir():
-        video.load_av()
     return info
 
 
@@ -176,24 +174,16 @@ class Kept:
     def _copy_videos(self, camera: str, shots: Sequence[Shot]) -> dict[int, dict[str, Parsed]]:
         """Write the videos of a camera; by the old number of each episode, where in them it lies.
 
-        A file of which all episodes are kept whole is copied; of others, the frames of the kept ones.
+        A file with any of these episodes is copied whole: `meta` says where in it each lies.
         """
-        n_episodes = Counter(self.old.video(camera, m) for m in self.old.episodes)
-        by_file, said = defaultdict[Path, list[Shot]](list), {}
+        places, said = dict[Path, tuple[int, int]](), dict[int, dict[str, Parsed]]()
         for shot in shots:
-            by_file[shot.path].append(shot)
-        for number, (source, own) in enumerate(by_file.items()):
-            chunk, file = self.place_of(number)
-            target = self.target(1, chunk, file, camera)
-            spans = [(shot.start, shot.end) for shot in own]
-            if len(own) == n_episodes[source]:
-                shutil.copyfile(source, target)
-            else:
-                starts = video.cut(source, target, spans, float(self.info["fps"]))
-                spans = [(start, start + b - a) for start, (a, b) in zip(starts, spans, strict=True)]
-            for shot, (start, end) in zip(own, spans, strict=True):
-                where = {"chunk_index": chunk, "file_index": file, "from_timestamp": start, "to_timestamp": end}
-                said[shot.episode] = {f"videos/{camera}/{name}": value for name, value in where.items()}
+            if shot.path not in places:
+                places[shot.path] = self.place_of(len(places))
+                shutil.copyfile(check_readable(shot.path), self.target(1, *places[shot.path], camera))
+            where = dict(zip(("chunk_index", "file_index"), places[shot.path], strict=True))
+            where |= {"from_timestamp": shot.start, "to_timestamp": shot.end}
+            said[shot.episode] = {f"videos/{camera}/{name}": value for name, value in where.items()}
         return said
 
 
