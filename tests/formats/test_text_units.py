@@ -11,11 +11,10 @@ import rpil
 from rpil.data.errors import DataError
 
 N_MUTANTS = 200
-CONTINUED = "~"  # with which the further lines of a cell begin
 NOTES = {
     "plain": lambda k: "ok" if k % 7 else "",
     "quoted": lambda k: f'"take {k}, ok"' if k % 3 else '""',
-    "lines": lambda k: f'"take {k}\n{CONTINUED} a, b\n{CONTINUED}"' if k % 5 == 0 else '"said ""go"""',
+    "doubled": lambda k: '"said ""go"""' if k % 5 else '""',
     "inches": lambda k: '5" wide' if k % 4 else '"5"" wide"',
 }
 
@@ -43,7 +42,7 @@ def wholes(n=24):
 SAMPLES = [
     *((f"{note}-{place}.csv", table(note, first=place == "second")) for note in NOTES for place in ("last", "second")),
     ("tabs.tsv", table("quoted", "\t")),
-    ("semicolons.csv", table("lines", ";")),
+    ("semicolons.csv", table("doubled", ";")),
     ("steps.jsonl", lines()),
     ("wholes.jsonl", wholes()),
 ]
@@ -73,7 +72,7 @@ def mutant(text, rng):
 
 def units(name, text):
     """The rows or lines that are in a text."""
-    own = [line for line in text.split("\n") if line.strip() and CONTINUED not in line[:3]]
+    own = [line for line in text.split("\n") if line.strip()]
     return len(own) - (not name.endswith(".jsonl"))
 
 

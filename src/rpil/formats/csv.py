@@ -56,8 +56,8 @@ def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, defau
         if other != name:
             raise in_two_files(without_suffix(name), other, name, source)
     words = first.words if default_id is None else f"{first.words}, {counted(len(files), 'file')}"
-    encodings = sorted({file.encoding for file in files.values()} - {"utf-8", "utf-16"})
-    notes = (f"Text is not UTF-8: read as {' and '.join(encodings)}.",) if encodings else ()
+    is_western = any(file.encoding != "utf-8" for file in files.values())
+    notes = ("Text is not UTF-8: read as cp1252.",) if is_western else ()
     found = _rows_of(files, columns)
     tables = found[first_name] if options.on_disk else found.values()
     if options.on_disk and len(found) > 1:  # with types that fit all of them
@@ -165,7 +165,7 @@ def _parsed(file: TextTable, take: Callable[..., Any], **conversion: object) -> 
     def on_invalid(row: pa.csv.InvalidRow) -> str:
         return "skip" if row.text.lstrip().startswith("#") else "error"
 
-    parsing = pa.csv.ParseOptions(delimiter=file.separator, newlines_in_values=True, invalid_row_handler=on_invalid)
+    parsing = pa.csv.ParseOptions(delimiter=file.separator, invalid_row_handler=on_invalid)
     reading = pa.csv.ReadOptions(column_names=file.names, skip_rows=file.skip_rows)
     reading.encoding = "utf8" if file.encoding == "utf-8" or file.skipped else file.encoding
     reading.block_size = (_BLOCKS_ON_DISK if file.on_disk else 1) * _BLOCK_BYTES
@@ -191,13 +191,14 @@ def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -
     column, found = file.names.index(find_text_columns(file, options, None).episode), set[str]()
     opener = gzip.open if path.suffix.lower() == ".gz" else open
     with cast(IO[str], opener(output, "wt", encoding=file.encoding, newline="")) as target:
-        for _, _, lines, values, fault in text_rows(file):
+        for _, line, values, fault in text_rows(file):
             if fault:
                 file.check()
+                continue
             demonstration = from_cell(values[column].strip()) if values else ""
             found.add(demonstration)
-            if not fault and (not values or demonstration in ids):
-                target.writelines(lines)
+            if not values or demonstration in ids:
+                target.write(line)
     return found & ids
 
 
