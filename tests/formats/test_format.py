@@ -27,8 +27,9 @@ def test_a_folder_is_no_file(tmp_path, name):
         find(data).keep(tmp_path / name, ["0"])
 
 
-def test_addresses_are_not_given_back(tmp_path):
-    with pytest.raises(DataError, match="only files of this computer"):
-        find("s3://bucket/data").keep(tmp_path / "some", [1])
+@pytest.mark.parametrize("address", ["s3://bucket/data", "https://a.org/x.csv", "hf://datasets/a/b/c"])
+def test_addresses_are_not_read(address):
+    with pytest.raises(DataError, match=f"{address}: addresses are not read; download the data"):
+        find(address)
     with pytest.raises(DataError, match="no such file"):
-        find(Path("s3://bucket/data")).keep(tmp_path / "some", [1])
+        find(Path(address))

@@ -72,18 +72,17 @@ def find_columns(
     options: ColumnOptions = ColumnOptions(),
     default_id: str | None = None,
     head: pa.Table | None = None,
-    made: Mapping[str, Kind] = {},
 ) -> Columns:
     """The columns to read; a `DataError` where they cannot be found, and no `default_id` stands for the id. By the
-    first row of `head` numbers with a unit are named; columns `made` of what lies beside the table are found, too."""
+    first row of `head` numbers with a unit are named."""
     check_names(names, source)
     if head is not None and not head.num_rows and names and default_id is None:
         raise DataError(f"{source}: it has no rows; write one for each step below the names of its columns.")
-    kinds = {**dict.fromkeys(names, "number"), **kinds, **made}
+    kinds = {**dict.fromkeys(names, "number"), **kinds}
     found = _Search([*kinds], kinds, source, options, head).columns(default_id)
     read = {*found.all}
     others = (name for name, kind in kinds.items() if kind in ("number", "list") and name not in read)
-    return replace(found, made=(*made, *found.made), may_be_outcomes=tuple(filter(may_be_outcome, others)))
+    return replace(found, may_be_outcomes=tuple(filter(may_be_outcome, others)))
 
 
 @dataclass(eq=False)

@@ -147,7 +147,7 @@ def without_suffix(name: str) -> str:
 
 
 def _decoded(path: Path, options: ColumnOptions) -> tuple[str, str, int]:
-    """The beginning of a file; its encoding, UTF-8 or else that of Western Windows; and the number of its lines if there
+    """The beginning of a file; its encoding, UTF-8 or that of Western Windows; and the number of its lines if there
     is a quotation mark.
 
     A `DataError` where its values would not fit in memory.

@@ -83,13 +83,13 @@ is opened for them; what any folder may be comes last."""
 
 
 def find_format(path: StrPath) -> Format | None:
-    """The format that claims a file, a folder, a pattern or an address; None for what is not there or not known.
+    """The format that claims a file, a folder or a pattern; None for what is not there or not known.
 
     A `DataError`, before anything is opened, where `check_folder` raises one.
     """
     place = Path(path)
     if not place.exists():
-        return table_folder.FORMAT if "://" in str(path) or has_magic(str(path)) else None
+        return table_folder.FORMAT if has_magic(str(path)) else None
     check_folder(check_exists(place))
     for one in FORMATS:
         try:
@@ -175,8 +175,6 @@ class ClaimedPath:
 
     def check_output(self, output: StrPath, options: ColumnOptions = ColumnOptions()) -> Path:
         """The path of the `output`, or a `DataError`, before any work, where `keep` cannot write there."""
-        if "://" in str(self.path):
-            raise DataError(f"{self.path}: only files of this computer can be given back; download it first.")
         times = (("--split-gap", options.split_gap), ("--segment", options.segment))
         if asked := " ".join(f"{name} {seconds:g}" for name, seconds in times if seconds):
             first = f"first run rpil convert {self.path} {asked} -o ALL.parquet"
@@ -214,6 +212,8 @@ class ClaimedPath:
 def find(path: StrPath) -> ClaimedPath:
     """`path` with its format; a `DataError` where there is nothing, or nothing that is known."""
     place = downloaded(path)
+    if "://" in str(place):
+        raise DataError(f"{path}: addresses are not read; download the data, and give their path.")
     known = find_format(place)
     if known is None:
         there = check_exists(place)

@@ -100,7 +100,7 @@ class Kept:
 
     def copy_data(self) -> None:
         """Write the data files that hold any of the episodes."""
-        n_files, files = 0, self.old.files(self.wanted)
+        n_files, files = 0, self.old.data_files(self.wanted)
         for file in files:
             self.place = self.place_of(n_files)
             target = self.target(0, *self.place)
