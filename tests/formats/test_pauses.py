@@ -57,7 +57,7 @@ def test_named_demonstrations_are_split_further(tmp_path):
     assert rpil.open(folder, split_gap=1).demonstrations.ids == ("p-0", "p-1", "q-0")
 
 
-def test_a_log_is_split_by_its_times_and_its_action_is_guessed(tmp_path, monkeypatch):
+def test_a_log_is_split_by_its_times_and_its_action_is_found(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     seconds = [*SECONDS[:5], 9.0, 9.1, 9.2]
     lines = [f"{second}, {k % 3 / 10}, .{k + 1}, {k}.5" for k, second in enumerate(seconds)]
@@ -67,7 +67,7 @@ def test_a_log_is_split_by_its_times_and_its_action_is_guessed(tmp_path, monkeyp
     refused("or end demonstrations at pauses with --split-gap", "info", *words)
     done = ok("info", *words, "--split-gap", "1")
     assert "3 demonstrations, 8 steps, 0.5 s at 10 a second" in done.stdout
-    assert "Guess: action steering, throttle" in done.stderr
+    assert "Action: steering, throttle;" in done.stdout
     ok("convert", *words, "--split-gap", "1", "--action", "steering", "-o", "log.parquet")
     assert len(rpil.read("log.parquet")) == 3
     refused("first run rpil convert driving_log.csv --split-gap 1 -o ALL.parquet", "keep", *words, "--split-gap", "1",

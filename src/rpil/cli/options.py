@@ -43,8 +43,8 @@ class RunOptions:
     """Rules of ``rpil check`` that reject."""
 
     @classmethod
-    def of(cls, options: dict[str, Value], guess: bool = False) -> RunOptions:
-        columns = pop_columns(options, guess)
+    def of(cls, options: dict[str, Value]) -> RunOptions:
+        columns = pop_columns(options)
         options.pop("session", None)  # is one of the columns
         options["adversary"] = options["adversary"].replace("-", " ")
         return cls(columns, **options)
@@ -198,14 +198,13 @@ def with_options(*options: Option) -> Option:
     return lambda command: reduce(lambda wrapped, option: option(wrapped), reversed(options), command)
 
 
-def pop_columns(options: dict[str, Value], guess: bool = False) -> ColumnOptions:
+def pop_columns(options: dict[str, Value]) -> ColumnOptions:
     """The options for reading, removed from `options`; the session stays, because a fit needs it too."""
     from rpil.formats.columns import ColumnOptions
 
-    names = {one.name for one in fields(ColumnOptions)} - {"session", "allow_missing", "on_disk", "guess"}
+    names = {one.name for one in fields(ColumnOptions)} - {"session", "allow_missing", "on_disk"}
     return ColumnOptions(
         session=options.get("session"),
-        guess=guess,
         **{name: options.pop(name) for name in names & options.keys()},
     )
 

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 
 import click
 
-from rpil.data.errors import DataWarning, shortened
+from rpil.data.errors import shortened
 from rpil.data.json_files import finite
 from rpil.data.text import printable
 
@@ -70,7 +70,7 @@ def print_warnings() -> Iterator[None]:
         warnings.simplefilter("always", UserWarning)
         yield
     of_users = (warning.message for warning in caught if issubclass(warning.category, UserWarning))
-    messages = (one.in_shell if isinstance(one, DataWarning) else str(one) for one in of_users)
+    messages = map(str, of_users)
     for message in dict.fromkeys(messages):
         click.echo(f"note: {to_one_line(message)}", err=True)
 

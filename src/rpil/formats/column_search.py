@@ -16,16 +16,12 @@ from rpil.data.names import may_be_outcome, plain_name, quoted, short_name
 from rpil.data.recorded_facts import FILE_SESSION
 from rpil.formats.columns import (
     LENGTH,
-    OF_PART,
     STRETCH,
     TIME_OF_STEP,
     ColumnOptions,
     Columns,
     Names,
     check_names,
-    guess_actions,
-    guess_id,
-    one_id,
 )
 from rpil.formats.table import Kind
 
@@ -96,7 +92,6 @@ class _Search:
     head: pa.Table | None
     chosen_parts: dict[str, list[str]] = field(default_factory=dict)
     excluded_parts: dict[str, bool] = field(default_factory=dict)
-    guessed: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.plain = {name: plain_name(name) for name in self.names}
@@ -130,11 +125,8 @@ class _Search:
         for name in self.free.keys() - {*observations}:
             self.ignored.setdefault(name, "not among the observations that were named")
         ignored = {name: self.ignored[name] for name in self.names if name in self.ignored}
-        # What may divide a demonstration: nothing if its id is named, laps if it is guessed, else these.
+        # What may divide a demonstration, unless its id is named.
         parts: Iterable[str] = () if options.id else (name for name in (*other_ids, operator, task) if name)
-        if "id" in self.guessed:
-            plain = (name for name in self.names if self.kinds[name] in ("number", "text", "mixed"))
-            parts = (name for name in plain if OF_PART.fullmatch(self.plain[name]))
         times = [name for name in ignored if name not in self.excluded and self.plain[name] in spellings.TIMESTAMP]
         times = [name for name in times if self.kinds[name] in ("number", "time", "counter")]
         return Columns(
@@ -143,8 +135,7 @@ class _Search:
             chosen_parts=self.chosen_parts,
             excluded_parts=self.excluded_parts,
             source=self.source,
-            id_chosen=options.id is not None or "id" in self.guessed,
-            guessed=self.guessed,
+            id_chosen=options.id is not None,
             made=() if episode in self.kinds or episode == default_id else (STRETCH,),
             intervention=next(iter(self.named_as("intervention", {*observations})), None),
         )
@@ -170,12 +161,8 @@ class _Search:
         wanted = self.one(self.options.id, "id") or (found[0] if found else default_id)
         if wanted is None and (self.options.split_gap or self.options.segment):
             wanted = STRETCH
-        if wanted is None and self.options.guess:
-            wanted = guess_id(self.head, [name for name in self.free if name not in given])
-            self.guessed |= {"id": wanted} if wanted else {}
         if wanted is None:
-            one = one_id(self.head, self.names)
-            what = f"says which demonstration a row is from{one}: name it {spellings.EPISODE[0]}, or name the column"
+            what = f"says which demonstration a row is from: name it {spellings.EPISODE[0]}, or name the column"
             raise self.no_column(what, "id", "split_gap")
         others = [name for name in found if name != wanted]
         self.ignored |= dict.fromkeys(others, "another id")
@@ -197,12 +184,11 @@ class _Search:
         for name in (name for name, plain in free if spellings.ACTION_COLUMNS[0][0].fullmatch(plain)):
             said = "holds texts in lists, or nested values; write each part of the action as a column"
             raise DataError(f"{self.source}: column {name!r} {said}.")
-        known = [name for name, _ in free if self.options.guess]
-        numbers, texts = ([name for name in known if self.kinds[name] in kinds] for kinds in (_NUMBERS, ("text",)))
-        guess = guess_actions(numbers, texts, self.head)
-        if guess:
-            self.guessed["action"] = ",".join(guess)
-            return guess, len(guess) == 1
+        numbers = [(name, plain) for name, plain in free if self.kinds[name] in _NUMBERS]
+        if any(spellings.STEERING.fullmatch(plain) for _, plain in numbers):  # pedals alone may lack their wheel
+            words = spellings.STEERING, spellings.PEDAL
+            found = [name for name, plain in numbers if any(one.fullmatch(plain) for one in words)]
+            return found, len(found) == 1
         raise self.no_column(f"holds the action: name it {spellings.ACTION[0]}, or name the columns", "action")
 
     def observations(self) -> list[str]:

@@ -95,10 +95,6 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
     with guarded(file.path.name, *_FAULT):
         first = _parsed(file, head)
         kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS))
-        floats = [one.name for one in first.schema if options.guess and pa.types.is_floating(one.type)]
-        # Ids of more digits than numbers have would be one id.
-        if long := [name for name in floats if pc.any(pc.greater(pc.abs(first[name]), 2.0**63)).as_py()]:
-            first = _parsed(file, head, column_types=dict.fromkeys(long, pa.string()))
     return find_columns(file.names, kinds, file.path.name, options, default_id, first)
 
 

@@ -17,7 +17,7 @@ from rpil.data.memory import check_memory
 from rpil.data.names import EPISODE, is_data
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
-from rpil.formats.columns import GUESSED_ROWS, ColumnOptions, Columns, check_names
+from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.meta_folder import MetaFolder, read_metadata
 from rpil.formats.metadata import Metadata
@@ -97,12 +97,11 @@ def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions) -> 
     # Of images no value is read, and of very many columns the types are enough.
     plain = [column for column, kind in kinds.items() if kind in ("number", "text")][:_HEAD_COLUMNS]
     bytes_of_groups(file, plain, name)
-    n_rows = GUESSED_ROWS if options.guess else flat.HEAD_ROWS
-    batch = next(file.iter_batches(n_rows, columns=plain, use_threads=False), None)
+    batch = next(file.iter_batches(flat.HEAD_ROWS, columns=plain, use_threads=False), None)
     head = None if batch is None else pa.Table.from_batches([batch])
     if head is not None:
         check_table(head, name)
-        kinds |= flat.kinds_of(head.slice(0, flat.HEAD_ROWS))
+        kinds |= flat.kinds_of(head)
     return find_columns(schema.names, kinds, name, options, head=head)
 
 
