@@ -208,13 +208,6 @@ def step(m, k, rng):
     return json.dumps(row, separators=rng.choice([(",", ":"), (", ", ": "), (" , ", " : ")]))
 
 
-def whole(m, rng):
-    """A line of a demonstration."""
-    n = rng.randint(3, 6)
-    row = {"when": f"2024-01-0{m + 1}T00:00:00Z", "observations": [[rng.random(), 0] for _ in range(n)]}
-    return json.dumps(row | {"actions": [rng.randint(0, 1) for _ in range(n)], "big": 2**63 + m})
-
-
 def row(m, k, rng):
     note = rng.choice(["", "ok", '"a, b"', " 007 ", "1e400", str(10**30), "2024-01-01T00:00:00Z"])
     return f"{m},{rng.random()},{rng.randint(0, 1)},{note}"
@@ -228,7 +221,6 @@ def test_each_kept_record_is_one_of_the_source_in_its_order(seed):
     head = ["episode_index,observation.x,action,note"]
     sources = {
         "steps.jsonl": [(m, step(m, k, rng)) for m in owners for k in range(5)],
-        "wholes.ndjson": [(m, whole(m, rng)) for m in range(n)],
         "rows.csv": [(m, row(m, k, rng)) for m in owners for k in range(5)],
     }
     if seed % 3 == 0:
@@ -236,8 +228,6 @@ def test_each_kept_record_is_one_of_the_source_in_its_order(seed):
             rng.shuffle(records)
     kept = rng.sample(range(n), rng.randint(1, n))
     for name, records in sources.items():
-        if name == "wholes.ndjson":
-            records = [(k, record) for k, (_, record) in enumerate(records)]
         own = head if name.endswith(".csv") else []
         last = rng.choice([end, ""])
         Path(name).write_bytes((end.join([*own, *(record for _, record in records)]) + last).encode())
@@ -245,17 +235,6 @@ def test_each_kept_record_is_one_of_the_source_in_its_order(seed):
         text = Path(f"kept-{name}").read_bytes().decode()
         expected = end.join([*own, *(record for m, record in records if m in kept)])
         assert text in (expected, expected + end)
-
-
-def test_a_line_with_steps_of_several_demonstrations_is_not_copied():
-    rows = [{"episode_id": [m, m, m, m + 1], "x": [0.5, 1.5, 2.5, 0], "action": [0, 1, 1, 0]} for m in (0, 2)]
-    written(
-        "a.jsonl",
-        [*map(json.dumps, rows), json.dumps({"episode_id": [9, 9, 9], "x": [1.0, 2, 3], "action": [1, 0, 1]})],
-    )
-    rpil.open("a.jsonl", id="episode_id").keep([0, 9], "b.jsonl")
-    kept = [json.loads(line) for line in Path("b.jsonl").read_text().splitlines()]
-    assert [row["episode_id"] for row in kept] == [0, 0, 0, 9, 9, 9]
 
 
 def test_where_no_file_is_sound_the_first_is_named():

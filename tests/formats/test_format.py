@@ -17,7 +17,6 @@ def test_what_is_left_out_cannot_be_done(tmp_path):
     path.write_text("x")
     bare = ClaimedPath(path, Format("toy", Path.is_file, lambda path, options: None))
     assert bare.commands_to_keep([0, 1], [1]) == []
-    assert bare.format.notes_on_weights == ()
 
 
 @pytest.mark.parametrize("name", ["out.csv", "out.hdf5", "out.zip"])

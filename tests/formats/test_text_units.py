@@ -32,19 +32,11 @@ def lines(n=48):
     return "".join(f"{json.dumps(row)}\n" for row in rows)
 
 
-def wholes(n=24):
-    rows = (
-        {"task": f"go {k}", "observations": [[k / 7, 1.5], [k / 9, 2.5]], "actions": [0.5, k / 3]} for k in range(n)
-    )
-    return "".join(f"{json.dumps(row)}\n" for row in rows)
-
-
 SAMPLES = [
     *((f"{note}-{place}.csv", table(note, first=place == "second")) for note in NOTES for place in ("last", "second")),
     ("tabs.tsv", table("quoted", "\t")),
     ("semicolons.csv", table("doubled", ";")),
     ("steps.jsonl", lines()),
-    ("wholes.jsonl", wholes()),
 ]
 
 
@@ -77,8 +69,7 @@ def units(name, text):
 
 
 def read(path):
-    found = rpil.open(path, id=None if path.name == "wholes.jsonl" else "episode_index", action_kind="auto").description
-    return found.demonstrations if path.name == "wholes.jsonl" else found.steps
+    return rpil.open(path, id="episode_index").description.steps
 
 
 def lost(folder, seeds):

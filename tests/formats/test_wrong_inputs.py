@@ -81,15 +81,6 @@ def test_ids_of_many_digits_are_told_apart(tmp_path):
     assert rpil.read(path, id="trip", action=["steer", "pedal"]).ids == tuple(dict.fromkeys(ids))
 
 
-@pytest.mark.parametrize("text", ["0.1, -0.2", "0.1;0.2", ".1 2e-3", "(0.5, 1)", "[1, 2]"])
-@pytest.mark.parametrize("column", ["action", "observation.x"])
-def test_numbers_in_one_text_are_a_list(text, column, tmp_path):
-    given = {"episode": np.arange(N) // 20, "observation.x": numbers(), "action": numbers()}
-    given[column] = [f'"{text}"'] * N
-    said = f"column '{column}' holds lists that are written as text; write one column for each number"
-    refused(said, "audit", table(tmp_path / "a.csv", given))
-
-
 @pytest.mark.parametrize("texts", [("1 0", "0 1"), ("left, up", "0.5 up"), ("1.5 s", "v1.2")])
 def test_other_texts_are_classes(texts, tmp_path):
     given = {

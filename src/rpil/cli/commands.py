@@ -250,8 +250,6 @@ def lines_after_output(title: str, path: str, run: AuditRun) -> list[str]:
     if title == "annotate":
         keeps = 'episode_filter=lambda episode: not episode["rpil/rejected_by"]'
         return [f"For LeRobot: LeRobotDataset({Path(path).name!r}, root={path!r}, {keeps})"]
-    if title == "weights":
-        return [*find(run.source).format.notes_on_weights]
     every, ids = run.recording.ids or run.audit.ids, run.choice.kept if title == "keep" else ()
     lines = []
     if title == "keep":

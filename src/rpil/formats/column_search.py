@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 
-import pyarrow as pa
-
 from rpil.data import names as spellings
 from rpil.data.errors import DataError
-from rpil.data.names import may_be_outcome, plain_name, quoted, short_name
+from rpil.data.names import plain_name, quoted, short_name
 from rpil.data.recorded_facts import FILE_SESSION
 from rpil.formats.columns import (
     LENGTH,
@@ -38,7 +36,6 @@ _ROLES: tuple[tuple[str, Sequence[re.Pattern[str]], tuple[Kind, ...]], ...] = (
 """The patterns of the names of the columns of a role, and their kinds; the first line in which there are any counts."""
 
 _REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
-    ("written list", "written list"),
     ("nested", "images or nested values"),
     *spellings.NOT_SEEN,
     (spellings.OBSERVATION, ""),
@@ -58,7 +55,6 @@ _REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
 """Why a column of this kind, or of a name like this, is no observation, empty where it is one; the first that fits."""
 
 _NUMBERS: tuple[Kind, ...] = ("number", "list", "mixed", "counter")
-_QUANTITY = re.compile(r"[+-]?\d[\d.,]*\s*[^\d\s.,:/_-][^\d_.]{0,15}")
 
 
 def find_columns(
@@ -67,18 +63,11 @@ def find_columns(
     source: str,
     options: ColumnOptions = ColumnOptions(),
     default_id: str | None = None,
-    head: pa.Table | None = None,
 ) -> Columns:
-    """The columns to read; a `DataError` where they cannot be found, and no `default_id` stands for the id. By the
-    first row of `head` numbers with a unit are named."""
+    """The columns to read; a `DataError` where they cannot be found, and no `default_id` stands for the id."""
     check_names(names, source)
-    if head is not None and not head.num_rows and names and default_id is None:
-        raise DataError(f"{source}: it has no rows; write one for each step below the names of its columns.")
     kinds = {**dict.fromkeys(names, "number"), **kinds}
-    found = _Search([*kinds], kinds, source, options, head).columns(default_id)
-    read = {*found.all}
-    others = (name for name, kind in kinds.items() if kind in ("number", "list") and name not in read)
-    return replace(found, may_be_outcomes=tuple(filter(may_be_outcome, others)))
+    return _Search([*kinds], kinds, source, options).columns(default_id)
 
 
 @dataclass(eq=False)
@@ -89,7 +78,6 @@ class _Search:
     kinds: Mapping[str, Kind]
     source: str
     options: ColumnOptions
-    head: pa.Table | None
     chosen_parts: dict[str, list[str]] = field(default_factory=dict)
     excluded_parts: dict[str, bool] = field(default_factory=dict)
 
@@ -211,11 +199,6 @@ class _Search:
     def reason(self, name: str) -> str:
         """Why a column without another role is no observation; empty where it is one."""
         kind, plain = self.kinds[name], self.plain[name]
-        is_there = kind == "text" and self.head is not None and name in self.head.column_names
-        values = self.head[name].unique() if self.head is not None and is_there else None
-        text = values[0].as_py() if values is not None and len(values) else None
-        if text is not None and _QUANTITY.fullmatch(text.strip()):
-            return f"text, as {text!r}; to observe it, write its numbers alone"
         fits = (why for key, why in _REASONS if (kind == key if isinstance(key, str) else key.fullmatch(plain)))
         return "text" if kind == "text" else next(fits, "")
 
@@ -291,22 +274,15 @@ class _Search:
         return found
 
     def refuse_named(self, episode: str, actions: Sequence[str], asked: Sequence[str]) -> None:
-        """A `DataError` where the user names the id as an action, or either of them as an observation; or where an
-        observation or action is text such as "[0.5, 1.0]"."""
+        """A `DataError` where the user names the id as an action, or either of them as an observation."""
         for option, names, others in (("action", actions, [episode]), ("observations", asked, [episode, *actions])):
             for name in (name for name in names if name in others):
                 role = "the id" if name == episode else "part of the action"
                 raise DataError(f"{self.source}: column {name!r} is {role} already; take it out of <option>.", option)
-        words = spellings.OBSERVATION, spellings.ACTION_COLUMNS[0][0]
-        for name in (name for name in self.names if self.kinds[name] == "written list"):
-            is_called_so = name in self.free and any(one.fullmatch(self.plain[name]) for one in words)
-            if is_called_so or name in (*asked, *actions):
-                said = f"column {name!r} holds lists that are written as text; write one column for each number"
-                raise DataError(f"{self.source}: {said}, or leave it out with <option>.", "exclude")
 
     def no_column(self, what: str, *options: str) -> DataError:
         """The error that no column is what it says; it lists the columns, with the kind of those that are not read."""
-        unread = ("nested", "text", "written list", "empty")
+        unread = ("nested", "text", "empty")
         shown = [(quoted([name]), self.kinds[name]) for name in self.names[:12]]
         listed = ", ".join(f"{name} ({kind})" if kind in unread else name for name, kind in shown)
         more = ", ..." if len(self.names) > 12 else ""

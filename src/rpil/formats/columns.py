@@ -119,7 +119,6 @@ class Columns:
     times: tuple[str, ...] = ()  # timestamps that are neither data nor the order
     session: str | None = None  # or FILE_SESSION
     outcomes: tuple[str, ...] = ()  # and LENGTH; with a minus where more is worse
-    may_be_outcomes: tuple[str, ...] = field(default=(), compare=False)  # which the user may name as outcomes
     # Of columns of which not all are read:
     chosen_parts: Mapping[str, Names] = field(default_factory=dict, compare=False)
     excluded_parts: Mapping[str, bool] = field(default_factory=dict, compare=False)  # pattern -> also names columns

@@ -95,7 +95,10 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
     with guarded(file.path.name, *_FAULT):
         first = _parsed(file, head)
         kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS))
-    return find_columns(file.names, kinds, file.path.name, options, default_id, first)
+        if not len(first) and default_id is None:
+            said = "it has no rows; write one for each step below the names of its columns"
+            raise DataError(f"{file.path.name}: {said}.")
+    return find_columns(file.names, kinds, file.path.name, options, default_id)
 
 
 class _OtherTypeError(DataError):
@@ -143,8 +146,7 @@ def _read_table(name: str, file: TextTable, columns: Columns, types: Mapping[str
         with pa.csv.open_csv(text, *options) as reader:
             return ArrowFile.of((whole(pa.Table.from_batches([batch])) for batch in reader), file.path.name)
 
-    # On disk without outcomes, because the first block tells their types.
-    names = [one for one in (*columns.all, *(() if file.on_disk else columns.may_be_outcomes)) if one in file.names]
+    names = [one for one in columns.all if one in file.names]
     with guarded(file.path.name, *_FAULT):
         found = _parsed(file, rows, include_columns=names, strings_can_be_null=False, column_types=types)
         if file.n_lines not in (0, file.skip_rows + len(found)):  # in which no row can be lost

@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from rpil.data.arrays import Id, are_whole
 from rpil.data.errors import DataError
-from rpil.data.names import EPISODE, TIMESTAMP, plain_name, quoted
+from rpil.data.names import EPISODE, TIMESTAMP, plain_name
 from rpil.data.recorded_facts import FILE_SESSION, Facts, outcome_of_steps
 from rpil.data.text import counted
 from rpil.formats.columns import LENGTH, Columns
@@ -97,8 +97,7 @@ def _sessions(name: str, steps: Steps, files: Sequence[str]) -> tuple[str, ...]:
 def _outcome(table: pa.Table, wanted: str, columns: Columns, offsets: Array, source: str) -> Float[Array, " M"]:
     """The outcome of each demonstration in the `wanted` column, with NaN where it is not known."""
     name = wanted.removeprefix("-")
-    others = quoted([*(other for other in columns.may_be_outcomes if other != name), LENGTH])
-    ways = f"name another column with <option> ({others} may do)"
+    ways = f"name another column with <option>, or {LENGTH!r}"
     found: Array | None = np.diff(offsets).astype(float)
     if name != LENGTH:
         values = numbers_or_missing(table[name])

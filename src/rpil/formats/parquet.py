@@ -61,7 +61,7 @@ def _opened_files(
             names, known = set(file.schema_arrow.names), {*columns.all, *columns.ignored}
             if not names.issuperset(columns.all) or any(is_data(other) for other in names - known):
                 raise other_columns(name, next(iter(sizes)), names, known)
-            read = {*columns.all, *columns.may_be_outcomes}
+            read = {*columns.all}
             n_bytes += sum(check_sizes(file, read, path))
             own = pa.schema([one for one in file.schema_arrow if one.name in read])
             try:
@@ -71,8 +71,7 @@ def _opened_files(
             sizes[name] = file.metadata.num_rows
     if columns is None or not sum(sizes.values()):
         raise DataError(f"{paths[0]}: there are no demonstrations; give at least one with at least one step.")
-    order = dict.fromkeys([*columns.all, *columns.may_be_outcomes])
-    return pa.schema([schema.field(one) for one in order]), sizes, columns, metadata, n_bytes
+    return pa.schema([schema.field(one) for one in columns.all]), sizes, columns, metadata, n_bytes
 
 
 def _tables(paths: Sequence[str], schema: pa.Schema) -> Iterator[pa.Table]:
@@ -102,7 +101,7 @@ def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions) -> 
     if head is not None:
         check_table(head, name)
         kinds |= flat.kinds_of(head)
-    return find_columns(schema.names, kinds, name, options, head=head)
+    return find_columns(schema.names, kinds, name, options)
 
 
 def readable(paths: Sequence[str], source: str, skips: object = True) -> tuple[list[str], tuple[str, ...]]:

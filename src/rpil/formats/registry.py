@@ -36,13 +36,6 @@ _HUB_FILES = ["meta/**", "data/**", "*.parquet", "*.csv", "*.jsonl"]
 _LISTS = (".json", ".txt")
 """Extensions of lists of ids."""
 
-_HUB_FAILURES = {
-    "GatedRepoError": "the Hub gives it only with a token; accept its terms there, then run hf auth login",
-    "RepositoryNotFoundError": "the Hub has no such data set, or it is private; check the name, or run hf auth login",
-    "LocalEntryNotFoundError": "the Hub could not be reached; check the network",
-}
-"""Why a data set cannot be downloaded, and what to do, by the error of the client."""
-
 
 class Formats:
     """The formats of `rpil.formats`, and of other packages: a module is imported when its turn comes."""
@@ -258,6 +251,5 @@ def downloaded(path: StrPath) -> StrPath:
     try:
         return Path(hub.snapshot_download(name, repo_type="dataset", allow_patterns=_HUB_FILES))
     except Exception as error:  # of very many types
-        kinds = [kind.__name__ for kind in type(error).__mro__ if kind.__name__ in _HUB_FAILURES]
-        why = _HUB_FAILURES[kinds[0]] if kinds else f"the Hub did not give it ({in_words(error)}); try again"
-        raise DataError(f"{address}: {why}.") from error
+        said = f"the Hub did not give it ({in_words(error)}); check the name and the network, or run hf auth login"
+        raise DataError(f"{address}: {said}.") from error

@@ -92,14 +92,12 @@ PATHS = {
     "v3.0": (
         "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
         "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
-    )
-} | dict.fromkeys(
-    ("v2.1", "v2.0"),
-    (
+    ),
+    "v2.1": (
         "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
         "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4",
     ),
-)
+}
 """Where LeRobot has its data and its videos, by its version."""
 
 NEAR_SECONDS = 1e-4

@@ -37,11 +37,6 @@ from rpil.numerics.types import Array
 
 _EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 
-WEIGHTS = (
-    "LeRobot 0.6.1 cannot read weights from a file: give it the list of --keep. In review there, and in no release, is "
-    "--sample_weighting.type=static --sample_weighting.weights_path=FILE, which finds weights by the index of the step."
-)
-
 MAX_LISTED = 100
 """Episodes of a data set whose lists are printed."""
 
@@ -269,22 +264,20 @@ def _write_statistics(kept: Kept, by_episode: Sequence[ByFeature], gone: Sequenc
 def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
     """What to give LeRobot, so that its version 0.6.1 trains on the episodes `kept` among `ids`.
 
-    Where there are more than `MAX_LISTED` episodes, the shell reads their numbers from the JSON file `output`.
+    Where there are more than `MAX_LISTED` episodes, their numbers are in the JSON file `output`.
     """
     is_list, version = Path(output).suffix.lower() == ".json", ""
     with suppress(DataError):
         version = str(CheckedFolder(path).info.get("codebase_version"))
     if Path(output).name and not is_list:
         words = [f"--dataset.repo_id={Path(output).name}", f"--dataset.root={output}"]
-        return [*_conversion(path, version, Path(output)), f"To train on the new folder: {shlex.join(words)}"]
+        return [*_conversion(version, Path(output)), f"To train on the new folder: {shlex.join(words)}"]
     numbers = shlex.quote(f"[{', '.join(map(str, kept))}]")
     if len(ids) > MAX_LISTED and not is_list:
         to_list = shlex.join(["rpil", "keep", str(path), "-o", "keep.json"])
         return [f"The episodes are too many to be printed; to give their list to LeRobot: {to_list}"]
-    if len(ids) > MAX_LISTED:
-        program = 'import json, sys; print(json.load(open(sys.argv[1]))["episodes"])'
-        numbers = f'"$({shlex.join(["python", "-c", program, str(output)])})"'
-    lines = [*_conversion(path, version, path), f"To train on these, whatever the policy: --dataset.episodes={numbers}"]
+    numbers = f"[...], with the numbers in {output}" if len(ids) > MAX_LISTED else numbers
+    lines = [*_conversion(version, path), f"To train on these, whatever the policy: --dataset.episodes={numbers}"]
     if len(kept) < len(ids):
         better = "A folder with statistics of its own, videos too: rpil keep with -o"
         new = f"{str(path).rstrip('/')}_trusted"
@@ -292,18 +285,13 @@ def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: 
     return lines
 
 
-def _conversion(path: Path, version: str, root: Path) -> list[str]:
-    """How the folder `root`, of this version and with the statistics at `path`, becomes one of version 3.0."""
-    if not version.startswith("v2"):
+def _conversion(version: str, root: Path) -> list[str]:
+    """How the folder `root`, of this version, becomes one of version 3.0."""
+    if version != "v2.1":
         return []
     words = ["python", "-m", "lerobot.scripts.convert_dataset_v21_to_v30", f"--repo-id={root.resolve().name}"]
     command = shlex.join([*words, f"--root={root}", "--push-to-hub=false"])
-    needs = []
-    if version != "v2.1":
-        needs = [f"The converter to version 3.0 reads 2.1 only, and this is {version[1:]}: convert it to 2.1 before."]
-    elif not (path / EPISODES_STATS).is_file():
-        needs = [f"The converter to version 3.0 needs {EPISODES_STATS}, and that is not there."]
-    return [*needs, f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {command}"]
+    return [f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {command}"]
 
 
 FORMAT = Format(
@@ -314,7 +302,6 @@ FORMAT = Format(
     has_own_ids=True,
     check_output=check_output,
     commands_to_keep=commands,
-    notes_on_weights=(WEIGHTS,),
     find_defects=find_defects,
     annotate=checked_folder.annotate,
     shots=find_shots,
