@@ -45,9 +45,9 @@ def audit(
     data : path, frame, Demonstrations, Recording or iterable of trajectories
         As for `rpil.read`; large files stay on disk.
     labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, sequence of such pairs, or path, optional
-        Answers about demonstrations; of a CSV file (id,label) or JSON where it is a path.
+        Answers about demonstrations; of a CSV file (id,label) where it is a path.
     outcome : str or several, mapping of id to number, or sequence of M numbers, optional
-        How each ended: a column, "length", a CSV file (id,value) or JSON, or numbers, of which more is better (a minus
+        How each ended: a column, "length", a CSV file (id,value), or numbers, of which more is better (a minus
         before a name: worse). Where all are 0 or 1, those with 0 are bad. Of several the worth is learned.
     random_state : int
         Seed; the same seed gives the same bits.

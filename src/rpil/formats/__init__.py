@@ -194,11 +194,11 @@ def read_recording(
 
 def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:
     """Demonstrator of each demonstration in the file `data`, by its id as text. `where` is a CSV file
-    (id,demonstrator) or JSON, or a column of the data, which a `Recording` was read with. A `DataError` names the file:
+    (id,demonstrator), or a column of the data, which a `Recording` was read with. A `DataError` names the file:
     nothing of that name, a demonstration with two demonstrators, an empty name."""
     if is_id_file(where):
         ids = data.ids if isinstance(data, Recording) else ()
-        return match_demonstrators(read_id_pairs(where, "demonstrator", "Ann", ids), Path(where).name)
+        return match_demonstrators(read_id_pairs(where, "demonstrator", ids), Path(where).name)
     recording = data if isinstance(data, Recording) else read_recording(data, ColumnOptions(operator=where))
     return match_demonstrators(recording.operators, f"{recording.description.source}, {where!r}")
 
