@@ -186,7 +186,7 @@ SAMPLES: dict[str, Callable[[Path], Path]] = {
     "CSV": written("a.csv"),
     "CSV of discrete actions": written("b.csv", continuous=False),
     "CSV, semicolons, Windows": _text_table("c.csv", ";", "cp1252", bytes),
-    "TSV, UTF-16": _text_table("d.tsv", "\t", "utf-16", bytes),
+    "TSV": _text_table("d.tsv", "\t", "utf-8", bytes),
     "CSV, compressed": _text_table("e.csv.gz", ",", "utf-8", gzip.compress),
     "folder of CSV": csv_folder,
     "JSON lines": json_lines,

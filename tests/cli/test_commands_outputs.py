@@ -55,18 +55,6 @@ def test_nothing_to_keep_is_said(folder):
     assert json.loads(Path("k.json").read_text())["episodes"] == [*range(12)]
 
 
-def test_secrets_of_an_address_are_in_no_report():
-    audit = make_audit()
-    parts = np.random.default_rng(0).normal(size=(2, audit.offsets[-1], 2))
-    source = "s3://KEY:HIDDEN@bucket/x.csv?token=HIDDEN"
-    data = Demonstrations.from_arrays(*parts, ids=audit.ids, offsets=audit.offsets, source=source)
-    recording = from_tables(from_demonstrations(data, "CSV"))
-    given = commands.AuditRun(audit, recording.description.source, recording, {})
-    shown = commands.about(given)
-    assert "HIDDEN" not in repr(shown)
-    assert shown.source == "s3://***@bucket/x.csv?token=***"
-
-
 def test_no_home_folder_is_in_what_is_passed_on(folder, tmp_path, monkeypatch):
     data, work = tmp_path / "ann" / "sets" / "d.parquet", tmp_path / "ann" / "work"
     data.parent.mkdir(parents=True)

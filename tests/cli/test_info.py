@@ -21,7 +21,7 @@ def test_columns_are_named_with_options(folder):
         "bout,beat,x,y,who,gear\n" + "".join(f"{k // 9},{k % 9},{k / 2},1,Ann,{k % 2}\n" for k in range(36))
     )
     refused("name it episode_index, or name the column with --id", "convert", "a.csv", "-o", "b.csv")
-    refused("name it action, or name the columns with --action", "info", "a.csv")
+    refused("name it action, or name the columns with --action", "info", "a.csv", "--id", "bout")
     options = ["--id", "bout", "--action", "gear", "--exclude", "y", "--order", "beat", "--operator", "who"]
     said = json.loads(ok("info", "a.csv", *options, "--format", "json").stdout)
     assert (said["demonstrations"], said["observations"], said["operators"]) == (4, ["x"], ["Ann"])

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from types import SimpleNamespace
-
-import pytest
 
 from rpil.cli.terminal import show_stages
 
@@ -24,18 +21,6 @@ def printed_at_last(capsys, text):
         time.sleep(0.05)
         err += capsys.readouterr().err
     return err
-
-
-@pytest.mark.parametrize("is_terminal", [True, False])
-def test_secrets_of_an_address_are_not_shown(monkeypatch, capsys, is_terminal):
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal, raising=False)
-    lines_come(monkeypatch, 0.01, 0.01)
-    with show_stages(False) as show:
-        show("reading s3://KEY:HIDDEN@bucket/a.csv")
-        err = printed_at_last(capsys, "@bucket")
-    assert "s3://***@bucket/a.csv" in err
-    assert ("\r" in err) == is_terminal
-    assert "HIDDEN" not in err
 
 
 def test_pipe_gets_ever_rarer_lines(capsys, monkeypatch):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
@@ -28,8 +26,6 @@ def test_labels_csv(tmp_path, header):
     assert labels == {"7": "good", "a": "bad", "b": "good"}
     assert formats.label_codes(labels, ("b", "x", "a", 7)).tolist() == [1, 0, -1, 1]
     assert formats.label_codes({"b": "ADVERSARY", 7: "Expert"}, ("b", 7)).tolist() == [-1, 1]
-    (tmp_path / "labels.json").write_text(json.dumps({"7": "expert", "a": "Bad", "b": "good"}))
-    assert formats.read_labels(tmp_path / "labels.json") == labels
     with refused(r"labels\.csv: no demonstration is called 'a'.*; the ids are '7'"):
         formats.label_codes(labels, [7], "labels.csv")
 
@@ -48,15 +44,7 @@ def test_labels_csv(tmp_path, header):
         ("l.csv", "7,good\n", "must be id and label .*'7', 'good'"),
         ("l.csv", 'id,label\n"7,good\n', "cannot be read as CSV"),
         ("l.csv", "", "the file is empty"),
-        ("l.json", '{"7": 1}', "demonstration '7': unknown label 1"),
-        *(
-            ("l.json", f'{{"7": {answers}}}', "demonstration '7': unknown label")
-            for answers in ('{"a": "good"}', "[]", '[["good"]]', "[null]")
-        ),
-        ("l.json", '{"7": "good", "7": "good"}', "demonstration '7': it is labelled twice"),
-        ("l.json", '[["7", "good"]]', "one object"),
-        ("l.json", '{"7": "go', "cannot be read as JSON"),
-        ("l.txt", "", "use one of .csv, .json"),
+        ("l.json", "", "use one of .csv"),
     ],
 )
 def test_bad_labels(tmp_path, name, text, match):
@@ -75,12 +63,7 @@ def test_a_file_of_answers_holds_labels_and_pairs(tmp_path):
     path.write_text('id,label\n7,good\n7,better than 3\n7,"BETTER  Than a,b"\n3, Better than a b \n7,better than 3\n')
     assert formats.read_answers(path) == ({"7": "good"}, better([("7", "3"), ("7", "a,b"), ("3", "a b")]))
     assert formats.read_labels(path) == {"7": "good"}
-    path = tmp_path / "answers.json"
-    path.write_text(json.dumps({"12": "better than 7", "7": ["bad", "better than 3", "better than 4"]}))
-    assert formats.read_answers(path) == ({"7": "bad"}, better([("12", "7"), ("7", "3"), ("7", "4")]))
-    path.write_text('{"12": "better than 7"}')
-    assert formats.read_answers(path) == ({}, better([("12", "7")]))
-    path.write_text('{"12": ["Same  AS 7", "same as a same as b"], "7": ["same as 12", "same as 3"]}')
+    path.write_text("id,label\n12,Same  AS 7\n12,same as a same as b\n7,same as 12\n7,same as 3\n")
     same = dict.fromkeys([("12", "7"), ("12", "a same as b"), ("3", "7")], "same as")  # neither is the first
     assert formats.read_answers(path) == ({}, same)
     refused_file("labels no demonstration", formats.read_labels, path)
@@ -121,13 +104,11 @@ def test_pairs_are_numbers_of_demonstrations():
 
 def test_reading_demonstrators(tmp_path):
     (tmp_path / "who.csv").write_text("id,demonstrator\n0,Ann\n1, Bob\n")
-    (tmp_path / "who.json").write_text('{"0": "Ann", "1": "Bob"}')
     steps = {"episode_ids": np.repeat([5, 2], 3), "observations": np.ones((6, 1)), "actions": np.zeros(6)}
     np.savez(tmp_path / "each.npz", **steps, who=np.array(["x", "y"]), n=np.zeros((2, 2)))
     (tmp_path / "data.csv").write_text("episode_index,who,action,x\n0,Ann,1,1\n0,Ann,0,1\n1,Bob,0,1\n")
     (tmp_path / "two.csv").write_text("episode_index,who,action,x\n0,Ann,1,1\n0,Bob,0,1\n1,,0,1\n")
-    for name in ("who.csv", "who.json"):
-        assert formats.read_demonstrators(str(tmp_path / name), tmp_path / "data.csv") == {"0": "Ann", "1": "Bob"}
+    assert formats.read_demonstrators(str(tmp_path / "who.csv"), tmp_path / "data.csv") == {"0": "Ann", "1": "Bob"}
     assert formats.read_demonstrators("who", tmp_path / "data.csv") == {"0": "Ann", "1": "Bob"}
     assert formats.read_demonstrators("who", tmp_path / "each.npz") == {"5": "x", "2": "y"}
     formats.write(tmp_path / "data.parquet", formats.read(_npz(tmp_path)), {"demonstrator_ids": np.array([3.0, 4.0])})
@@ -152,8 +133,6 @@ def test_reading_demonstrators(tmp_path):
         ("short.csv", "id,demonstrator\n0\n", "demonstration '0': it has no demonstrator; name one, or leave it out"),
         ("long.csv", "id,demonstrator\n0,Ann,Bob\n", "line 2: it has more values than there are columns; give"),
         ("no-id.csv", "id,demonstrator\n,Ann\n", "line 2: it names no demonstration; give"),
-        ("null.json", '{"0": null}', "demonstration '0': it has no demonstrator; name one, or leave it out"),
-        ("object.json", '{"0": {}}', "demonstration '0': it has no demonstrator; name one"),
     ],
 )
 def test_bad_files_are_one_sentence(tmp_path, name, content, match):
@@ -210,18 +189,13 @@ def test_whatever_an_id_is_its_answers_are_read_as_they_were_written(tmp_path, n
     assert parse_labels([*words, *compared], ids) == (dict(words), pairs)
 
 
-@pytest.mark.parametrize("name", ["labels.csv", "labels.json"])
-def test_white_space_around_an_id_is_left_out_unless_an_id_has_it(tmp_path, name):
-    path = tmp_path / name
-    if name.endswith(".csv"):
-        path.write_text('id,label\n " a",good\n b , bad \n7 ,better than  a\n+5 ,better  than b \n')
-    else:
-        path.write_text(json.dumps({" a": "good", "b": " bad ", "7": "better than  a", "+5": "better  than b "}))
+def test_white_space_around_an_id_is_left_out_unless_an_id_has_it(tmp_path):
+    path = tmp_path / "labels.csv"
+    path.write_text('id,label\n " a",good\n b , bad \n7 ,better than  a\n+5 ,better  than b \n')
     ids = [" a", "b", 7, "+5", "c"]
     assert read_answers(path, ids) == ({" a": "good", "b": "bad"}, better([("7", " a"), ("+5", "b")]))
-    if name.endswith(".csv"):
-        path.write_text("id, label\n 7 , good\n-8 ,better than  7 \n")
-        assert read_answers(path, [7, -8]) == read_answers(path) == ({"7": "good"}, better([("-8", "7")]))
+    path.write_text("id, label\n 7 , good\n-8 ,better than  7 \n")
+    assert read_answers(path, [7, -8]) == read_answers(path) == ({"7": "good"}, better([("-8", "7")]))
 
 
 def test_demonstrators_of_ids_with_white_space_at_their_ends(tmp_path):

@@ -1,53 +1,10 @@
-"""What texts that others may read leave out: secrets in addresses, and home folders."""
+"""What texts that others may read leave out: home folders."""
 
 from __future__ import annotations
 
-import time
-
 import pytest
 
-from rpil.data.privacy import for_others, without_secrets
-
-S = "HIDDEN"
-NAMES = (
-    *("token", "access_key", "secret_key", "X-Amz-Signature", "AWSAccessKeyId", "sig", "password", "passwd", "pass"),
-    *("pwd", "auth", "authorization", "Authorization", "sas", "code", "jwt", "client_secret", "x-goog-credential"),
-)
-
-
-@pytest.mark.parametrize(
-    ("text", "shown"),
-    [
-        ("s3://AKIA:secret@bucket/x", "s3://***@bucket/x"),
-        ("s3://AKIA:sec/ret+@bucket/x", "s3://***@bucket/x"),
-        ("s3:/AKIA:sec/ret@bucket/x", "s3:/***@bucket/x"),  # as a path has it
-        ("https://token@h/x", "https://***@h/x"),
-        (
-            "rpil audit 'https://h/x.csv?a=1&X-Amz-Signature=ab%2F&b=2'",
-            "rpil audit 'https://h/x.csv?a=1&X-Amz-Signature=***&b=2'",
-        ),
-        ("hf://datasets/a/b?token=hf_abc", "hf://datasets/a/b?token=***"),
-        ("hf://datasets/me/set@main/data", "hf://datasets/me/set@main/data"),
-        ("rpil audit me@home/key=3.csv", "rpil audit me@home/key=3.csv"),
-        ("s3://b/x?token=a: it is empty; write it again.", "s3://b/x?token=***: it is empty; write it again."),
-        ("'s3://a:b@c/x' and s3://d:e@f", "'s3://***@c/x' and s3://***@f"),
-    ],
-)
-def test_addresses_keep_their_secrets(text, shown):
-    assert without_secrets(text) == for_others(text) == shown
-
-
-@pytest.mark.parametrize("sign", "?&;#")
-def test_every_name_of_a_secret_is_known(sign):
-    for name in NAMES:
-        assert without_secrets(f"https://h/x.csv{sign}{name}={S}&b=2") == f"https://h/x.csv{sign}{name}=***&b=2"
-
-
-def test_a_hostile_text_takes_no_time():
-    start = time.process_time()
-    for text in (":/" * 50_000, "?" + "key" * 30_000, "?key=" * 20_000, "://a:" * 20_000, "/home/" * 20_000):
-        for_others(text)
-    assert time.process_time() - start < 5
+from rpil.data.privacy import for_others
 
 
 @pytest.fixture

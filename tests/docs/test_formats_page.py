@@ -23,7 +23,7 @@ def row(one: Format) -> str:
     can = {
         f"`rpil convert -o NEW{one.suffixes[0] if one.suffixes else ''}`": one.write,
         "`rpil check` compares the folder with itself": one.find_defects,
-        "patterns and addresses": one if one is table_folder.FORMAT else None,
+        "patterns": one if one is table_folder.FORMAT else None,
     }
     return f"| {suffixes} | {'; '.join(name for name, function in can.items() if function is not None)} |"
 

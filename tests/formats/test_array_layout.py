@@ -96,23 +96,6 @@ def test_one_observation_more_in_the_first_index_says_that_it_is_the_time(tmp_pa
     np.testing.assert_array_equal(found.observations[5:10], arrays["observations"][:5, 1])
 
 
-def test_arrays_whose_first_index_seems_to_be_the_time_are_asked_about(tmp_path):
-    path = tmp_path / "time.npz"
-    moves = np.random.default_rng(0).normal(size=(30, 10, 2))
-    arrays = {"observations": np.cumsum(moves, axis=0), "actions": moves}
-    np.savez(path, **arrays)
-    with pytest.raises(DataError, match="seems to be the time, the second one of 10 demonstrations; add an array"):
-        rpil.read(path)
-    np.savez(path, **arrays, mask=np.ones((30, 10)))
-    with pytest.raises(DataError, match="seems to be the time"):
-        rpil.read(path)
-    np.savez(path, **arrays, lengths=np.full(10, 30))
-    assert rpil.read(path).lengths.tolist() == [30] * 10
-    for asked in ({name: np.swapaxes(array, 0, 1) for name, array in arrays.items()}, time_first(noise=True)[0]):
-        np.savez(path, **asked)
-        assert len(rpil.read(path)) == len(asked["actions"])
-
-
 @pytest.fixture(params=[".npz", ".hdf5"])
 def written(request, tmp_path):
     def write(arrays):

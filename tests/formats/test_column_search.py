@@ -30,16 +30,6 @@ def drives(n=12, steps=25, **changes):
     return pa.table(columns | changes)
 
 
-def test_a_numeric_column_that_is_lost_is_named():
-    texts = {"speed": "0.00 m/s", "slope": "-3,5 %", "built": "2024-01-02", "opened": "10:15"}
-    table = drives(**{name: [text] * 300 for name, text in texts.items()})
-    description = rpil.open(table, id="trip", action="steer").description
-    ignored = description.ignored
-    assert ignored["speed"] == "text, as '0.00 m/s'; to observe it, write its numbers alone"
-    assert ignored["slope"] == "text, as '-3,5 %'; to observe it, write its numbers alone"
-    assert {ignored[name] for name in ("built", "opened", "weather")} == {"text"}
-
-
 @pytest.mark.parametrize(
     ("action", "observations", "said"),
     [

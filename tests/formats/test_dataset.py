@@ -68,11 +68,11 @@ def test_blocks_and_selections_are_those_in_memory(tmp_path, case):
     assert data.nbytes == memory.observations.nbytes + memory.actions.nbytes
 
 
-def test_a_pattern_an_address_and_one_file_can_be_opened(tmp_path):
+def test_a_pattern_and_one_file_can_be_opened(tmp_path):
     memory = demonstrations()
     folder = write_files(flat.from_demonstrations(memory, {}), tmp_path / "many")
     pq.write_table(pa.table({"other": [1]}), folder / "_index.parquet")
-    for path in (f"{folder}/*.parquet", folder.as_uri(), folder / "0.parquet"):
+    for path in (f"{folder}/*.parquet", folder / "0.parquet"):
         assert rpil.open(path, on_disk=True).demonstrations.n_steps == (
             memory.n_steps if path != folder / "0.parquet" else memory.n_steps // 3
         )
@@ -120,10 +120,6 @@ def test_files_with_other_columns_or_of_another_kind_are_refused(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(DataError, match=r"no \.parquet or \.csv file is there"):
         rpil.open(tmp_path / "empty", on_disk=True)
-    with pytest.raises(DataError, match="nowhere://x: it cannot be listed"):
-        rpil.open("nowhere://x", on_disk=True)
-    with pytest.raises(DataError, match=r"https://a\.org/x\.csv: addresses of the web are not read; download the file"):
-        rpil.open("https://a.org/x.csv", on_disk=True)
 
 
 def test_a_shard_can_be_pickled(tmp_path):

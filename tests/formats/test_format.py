@@ -17,7 +17,6 @@ def test_what_is_left_out_cannot_be_done(tmp_path):
     path.write_text("x")
     bare = ClaimedPath(path, Format("toy", Path.is_file, lambda path, options: None))
     assert bare.commands_to_keep([0, 1], [1]) == []
-    assert bare.format.notes_on_weights == ()
 
 
 @pytest.mark.parametrize("name", ["out.csv", "out.hdf5", "out.zip"])
@@ -27,8 +26,9 @@ def test_a_folder_is_no_file(tmp_path, name):
         find(data).keep(tmp_path / name, ["0"])
 
 
-def test_addresses_are_not_given_back(tmp_path):
-    with pytest.raises(DataError, match="only files of this computer"):
-        find("s3://bucket/data").keep(tmp_path / "some", [1])
+@pytest.mark.parametrize("address", ["s3://bucket/data", "https://a.org/x.csv", "hf://datasets/a/b/c"])
+def test_addresses_are_not_read(address):
+    with pytest.raises(DataError, match=f"{address}: addresses are not read; download the data"):
+        find(address)
     with pytest.raises(DataError, match="no such file"):
-        find(Path("s3://bucket/data")).keep(tmp_path / "some", [1])
+        find(Path(address))

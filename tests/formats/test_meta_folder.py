@@ -10,7 +10,6 @@ from lerobot_folders import change_info
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats.meta_folder import fill
-from rpil.formats.registry import find
 from samples import lerobot
 
 POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:2776b1487c\nsize 82515\n"
@@ -19,24 +18,6 @@ POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:2776b1487c\ns
 def without_videos(root, version):
     """Three episodes of version 2 with a file each, or of version 3."""
     return folders.write(root, (5, 6, 7), version, cameras=())
-
-
-def test_files_that_meta_does_not_list_are_left_out(tmp_path):
-    root = without_videos(tmp_path / "drive", "v2.1")
-    stray = root / "data" / "chunk-001" / "episode_000002.parquet"
-    stray.parent.mkdir()
-    shutil.copy(root / "data" / "chunk-000" / "episode_000001.parquet", stray)
-    recording = formats.read_recording(root)
-    assert recording.demonstrations.ids == (0, 1, 2)
-    (note,) = recording.description.notes
-    assert "data/chunk-001/episode_000002.parquet" in note
-    assert recording.times().frames == {0: 5, 1: 6, 2: 7}
-    assert rpil.read(stray).ids == (1,)
-    find(root).keep(tmp_path / "kept", [0, 2])
-    assert [len(one["rows"]) for one in folders.read(tmp_path / "kept")] == [5, 7]
-    change_info(root, data_path="elsewhere/{episode_index}.parquet")  # then nothing is known of the files
-    with pytest.raises(DataError):
-        rpil.read(root)
 
 
 @pytest.mark.parametrize("version", ["v3.0", "v2.1"])

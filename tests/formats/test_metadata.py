@@ -93,38 +93,16 @@ def test_outcomes_are_read_when_they_are_named_and_are_no_observations(tmp_path,
     assert facts(path).outcomes == ()
     seen = formats.read_recording(path, ColumnOptions(outcome="half"))
     assert "half" not in seen.description.observations
-    with refused(r"'half' changes within .*'next.success', 'reward', 'length'"):
+    with refused(r"'half' changes within .*name another column with outcome=, or 'length'"):
         seen.facts  # noqa: B018
     with refused("'nothing'"):
         facts(path, outcome="nothing")
 
 
-@pytest.mark.parametrize("suffix", READS)
-def test_candidates_are_named_with_the_option(tmp_path, suffix):
-    description = formats.read_recording(written(tmp_path, suffix)).description
-    assert description.to_dict()["outcomes"] == {
-        "next.success": "--outcome next.success",
-        "reward": "--outcome reward",
-    }
-    assert any("--outcome next.success" in line for line in description.lines())
-
-
-@pytest.mark.parametrize("suffix", READS[:-1])
-def test_what_is_the_same_for_all_or_no_outcome_is_no_candidate(tmp_path, suffix):
-    last = np.append(OWNERS[1:] != OWNERS[:-1], True).astype(int)
-    columns = {"episode": OWNERS, "x": STATES[:, 0], "action": OWNERS % 2, "next.done": last, "score": np.arange(15.0)}
-    path = tmp_path / f"a.{suffix}"
-    write_table(path, pa.table(columns | {"success": SUCCESS}))
-    read = formats.read_recording(path, ColumnOptions(outcome="score"))
-    assert [*read.description.outcomes] == ["success"]
-    with pytest.raises(DataError, match=r"'score' changes within .*outcome= \('success', 'length' may do\)"):
-        read.facts  # noqa: B018
-
-
 @pytest.mark.parametrize("suffix", [*READS[:-1], "frame"])
 @pytest.mark.parametrize("role", ["id", "operator", "task", "order", "session"])
 def test_a_column_that_is_called_like_an_outcome_may_have_another_role(tmp_path, suffix, role):
-    """Such a column is read once, and is not proposed as the outcome too."""
+    """Such a column is read once."""
     states, rewards = STATES[:, 0], np.arange(15.0)
     columns = {"x": states, "action": OWNERS % 2, "score": rewards if role == "order" else OWNERS % 3}
     columns |= {} if role == "id" else {"episode": OWNERS}
@@ -135,7 +113,6 @@ def test_a_column_that_is_called_like_an_outcome_may_have_another_role(tmp_path,
     source = frame if suffix == "frame" else path
     read = formats.read_recording(source if suffix == "frame" else path, options)
     np.testing.assert_array_equal([*map(str, read.demonstrations.ids)], ["0", "1", "2"])
-    assert [*read.description.outcomes] == ["success"]
     said = {"operator": read.operators, "task": read.tasks}.get(role)
     assert said is None or [*map(str, dict(said).values())] == ["0", "1", "2"]
 

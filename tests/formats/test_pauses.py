@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
-import pyarrow.parquet as pq
 import pytest
 
 import rpil
 from command_line import ok, refused
 from episode_rows import N, T, episodes, written
 from rpil.data.errors import DataError
-from samples import LENGTHS, assert_same, lerobot
+from samples import assert_same
 
 SECONDS = np.array([0.0, 0.1, 0.2, 5.0, 5.1, 0.0, 0.1, 0.2])
 """A pause of 4.8 s before the fourth row, and a clock that begins anew before the sixth."""
@@ -59,7 +57,7 @@ def test_named_demonstrations_are_split_further(tmp_path):
     assert rpil.open(folder, split_gap=1).demonstrations.ids == ("p-0", "p-1", "q-0")
 
 
-def test_a_log_is_split_by_its_times_and_its_action_is_guessed(tmp_path, monkeypatch):
+def test_a_log_is_split_by_its_times_and_its_action_is_found(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     seconds = [*SECONDS[:5], 9.0, 9.1, 9.2]
     lines = [f"{second}, {k % 3 / 10}, .{k + 1}, {k}.5" for k, second in enumerate(seconds)]
@@ -69,7 +67,7 @@ def test_a_log_is_split_by_its_times_and_its_action_is_guessed(tmp_path, monkeyp
     refused("or end demonstrations at pauses with --split-gap", "info", *words)
     done = ok("info", *words, "--split-gap", "1")
     assert "3 demonstrations, 8 steps, 0.5 s at 10 a second" in done.stdout
-    assert "Guess: action steering, throttle" in done.stderr
+    assert "Action: steering, throttle;" in done.stdout
     ok("convert", *words, "--split-gap", "1", "--action", "steering", "-o", "log.parquet")
     assert len(rpil.read("log.parquet")) == 3
     refused("first run rpil convert driving_log.csv --split-gap 1 -o ALL.parquet", "keep", *words, "--split-gap", "1",
@@ -97,51 +95,6 @@ def test_a_time_must_be_known(columns, said):
 def test_a_missing_time_ends_nothing():
     times = pa.array([0.0, 0.1, None, 0.3, 0.4, 9.0, 9.1, 9.2])
     assert rpil.open(rows(time_s=times), split_gap=1).demonstrations.lengths.tolist() == [5, 3]
-
-
-@pytest.fixture(params=["v3.0", "v2.1"])
-def folder(request, tmp_path):
-    """LeRobot's layout with three columns more in ``meta``."""
-    path = lerobot(tmp_path)
-    more = {"operator_name": ["ann", "bob", "ann"], "success": [True, False, True], "scene": ["lab"] * 3}
-    place = path / "meta/episodes/chunk-000/file-000.parquet"
-    table = pq.read_table(place)
-    for name, values in more.items():
-        table = table.append_column(name, [values])
-    if request.param == "v3.0":
-        pq.write_table(table, place)
-        return path
-    place.unlink()
-    names = ["episode_index", "length", *more]
-    (path / "meta" / "episodes.jsonl").write_text(
-        "".join(f"{json.dumps(row)}\n" for row in table.select(names).to_pylist())
-    )
-    info = json.loads((path / "meta" / "info.json").read_text())
-    (path / "meta" / "info.json").write_text(json.dumps(info | {"codebase_version": "v2.1"}))
-    return path
-
-
-def test_columns_of_meta_are_listed_and_can_be_named(folder):
-    listed = "meta has of each demonstration operator_name ('ann', 'bob'), success ('True', 'False'): name one with"
-    assert any(note.startswith(listed) for note in rpil.open(folder).description.notes)
-    recording = rpil.open(folder, operator="operator_name", session="operator_name", outcome="success")
-    assert recording.description.operators == ("ann", "bob")
-    assert recording.operators == [("0", "ann"), ("1", "bob"), ("2", "ann")]
-    assert recording.facts.sessions == ("ann", "bob", "ann")
-    assert recording.facts.outcomes[0].tolist() == [1, 0, 1]
-    assert rpil.open(folder, outcome="-success").facts.outcomes[0].tolist() == [0, 1, 0]
-    some = rpil.open(folder, operator="operator_name", only="1-2")
-    assert some.operators == [("1", "bob"), ("2", "ann")]
-    assert recording.demonstrations.lengths.tolist() == [*LENGTHS]
-    assert recording.demonstrations.observation_names == rpil.open(folder).demonstrations.observation_names
-
-
-def test_columns_of_meta_are_copied_with_the_rows_on_disk(folder):
-    recording = rpil.open(folder, operator="operator_name", on_disk=True)
-    assert recording.operators == [("0", "ann"), ("1", "bob"), ("2", "ann")]
-    assert isinstance(recording.demonstrations, rpil.Dataset)
-    with pytest.raises(DataError, match="no column is called 'nobody'"):
-        rpil.open(folder, operator="nobody")
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])

@@ -1,33 +1,10 @@
 """Folders: Parquet files come before text tables, and an empty folder is refused."""
 
-import sys
-
-import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 from rpil import formats
-from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.formats import table as flat
 from samples import lerobot
-
-
-def test_addresses_of_fsspec():
-    fsspec = pytest.importorskip("fsspec")
-    demonstrations = Demonstrations.from_episodes([(np.arange(3.0)[:, None], [0, 1, 0])])
-    memory = fsspec.filesystem("memory")
-    with memory.open("/rpil/drive/data/a.parquet", "wb") as stream:
-        pq.write_table(flat.from_demonstrations(demonstrations, {}), stream)
-    recording = formats.read_recording("fsspec+memory://rpil/drive")
-    assert recording.demonstrations.ids == (0,)
-    assert len(formats.read_recording("fsspec+memory://rpil/drive", on_disk=True).demonstrations) == 1
-
-
-def test_a_package_for_an_address_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "huggingface_hub", None)
-    with pytest.raises(DataError, match=r"hf://datasets/a/b/c: addresses of this kind .*huggingface_hub"):
-        formats.read_recording("hf://datasets/a/b/c")
 
 
 @pytest.mark.parametrize(

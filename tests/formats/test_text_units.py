@@ -11,11 +11,10 @@ import rpil
 from rpil.data.errors import DataError
 
 N_MUTANTS = 200
-CONTINUED = "~"  # with which the further lines of a cell begin
 NOTES = {
     "plain": lambda k: "ok" if k % 7 else "",
     "quoted": lambda k: f'"take {k}, ok"' if k % 3 else '""',
-    "lines": lambda k: f'"take {k}\n{CONTINUED} a, b\n{CONTINUED}"' if k % 5 == 0 else '"said ""go"""',
+    "doubled": lambda k: '"said ""go"""' if k % 5 else '""',
     "inches": lambda k: '5" wide' if k % 4 else '"5"" wide"',
 }
 
@@ -33,19 +32,11 @@ def lines(n=48):
     return "".join(f"{json.dumps(row)}\n" for row in rows)
 
 
-def wholes(n=24):
-    rows = (
-        {"task": f"go {k}", "observations": [[k / 7, 1.5], [k / 9, 2.5]], "actions": [0.5, k / 3]} for k in range(n)
-    )
-    return "".join(f"{json.dumps(row)}\n" for row in rows)
-
-
 SAMPLES = [
     *((f"{note}-{place}.csv", table(note, first=place == "second")) for note in NOTES for place in ("last", "second")),
     ("tabs.tsv", table("quoted", "\t")),
-    ("semicolons.csv", table("lines", ";")),
+    ("semicolons.csv", table("doubled", ";")),
     ("steps.jsonl", lines()),
-    ("wholes.jsonl", wholes()),
 ]
 
 
@@ -73,13 +64,12 @@ def mutant(text, rng):
 
 def units(name, text):
     """The rows or lines that are in a text."""
-    own = [line for line in text.split("\n") if line.strip() and CONTINUED not in line[:3]]
+    own = [line for line in text.split("\n") if line.strip()]
     return len(own) - (not name.endswith(".jsonl"))
 
 
 def read(path):
-    found = rpil.open(path, id=None if path.name == "wholes.jsonl" else "episode_index", action_kind="auto").description
-    return found.demonstrations if path.name == "wholes.jsonl" else found.steps
+    return rpil.open(path, id="episode_index").description.steps
 
 
 def lost(folder, seeds):

@@ -49,11 +49,6 @@ def test_the_digest_of_a_folder_changes_with_names_and_contents(tmp_path, monkey
     assert len(digests) == (4 if is_large else 5)  # of large folders sizes alone count
 
 
-def test_an_address_is_not_read_again_nor_are_its_secrets_kept():
-    assert digest("s3://K:S@bucket/x")["path"] == "s3://***@bucket/x"
-    assert digest("hf://datasets/somebody/some")["sha256"] == ""
-
-
 def test_settings_that_differ_are_named():
     assert changed_settings(Settings(), Settings()) == {}
     changed = replace(

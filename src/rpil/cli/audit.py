@@ -83,7 +83,7 @@ def audit(
     if outputs["keep"] is None and any(options[name] for name in CHOICE_NAMES):
         raise click.UsageError("--ignore and --without-faults say what --keep lists: give --keep OUT.json")
     with show_stages(bool(options["quiet"])) as progress:
-        given = RunOptions.of(options, guess=fail_on is None and outputs["keep"] is None)
+        given = RunOptions.of(options)
         files = (path for title, path in outputs.items() if title != "annotate")
         commands.check_paths((file, given.labels, given.reference, *given.columns.files), *files)
         if outputs["annotate"] is not None:

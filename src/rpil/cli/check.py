@@ -61,7 +61,7 @@ def check(
         from rpil.faults.checking import check as find_faults
         from rpil.faults.report import read_expected
 
-        columns, fatal = pop_columns(options, guess=fail_on is None), _rules(fail_on)
+        columns, fatal = pop_columns(options), _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
         # Missing values are findings, and damage alone is skipped.
         damage = replace(columns, skip_bad=columns.skip_bad and "damage", allow_missing=True)

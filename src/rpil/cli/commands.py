@@ -18,9 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
-from click.core import ParameterSource
 
-from rpil.cli.options import RunOptions, Value, command_words
+from rpil.cli.options import RunOptions, command_words
 from rpil.cli.terminal import LOADING, StageProgress, print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath
@@ -104,12 +103,6 @@ def open_recording(
 
     progress(f"reading {file}")
     recording = formats.read_recording(file, columns, on_disk=on_disk)
-    if recording.columns.guessed:
-        click.echo(to_one_line(recording.columns.guess.in_shell), err=True)
-        ctx = click.get_current_context()
-        for name, guess in recording.columns.guessed.items():  # so that the commands that are printed have it
-            ctx.params[name] = guess if name == "id" else (guess,)
-            ctx.set_parameter_source(name, ParameterSource.COMMANDLINE)
     if columns.allow_missing:
         recording.demonstrations  # noqa: B018  # are read here
     return recording
@@ -160,8 +153,7 @@ def judge(file: str, given: RunOptions, progress: StageProgress) -> AuditRun:
     if reference is not None:
         if os.path.realpath(reference) == os.path.realpath(file):
             raise DataError(f"{reference}: the reference is the data themselves; give other demonstrations.")
-        named: dict[str, Value] = {**recording.columns.guessed, "guess": False}  # without ids of the data
-        beside = open_recording(reference, replace(columns, only=(), without=(), **named), progress, False)
+        beside = open_recording(reference, replace(columns, only=(), without=()), progress, False)
     progress(LOADING)
     from rpil.estimators.auditing import JUDGE_FEATURES, audit_recording
     from rpil.estimators.pipeline import FitOptions
@@ -258,8 +250,6 @@ def lines_after_output(title: str, path: str, run: AuditRun) -> list[str]:
     if title == "annotate":
         keeps = 'episode_filter=lambda episode: not episode["rpil/rejected_by"]'
         return [f"For LeRobot: LeRobotDataset({Path(path).name!r}, root={path!r}, {keeps})"]
-    if title == "weights":
-        return [*find(run.source).format.notes_on_weights]
     every, ids = run.recording.ids or run.audit.ids, run.choice.kept if title == "keep" else ()
     lines = []
     if title == "keep":

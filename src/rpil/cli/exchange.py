@@ -118,7 +118,7 @@ def sarif(found: Sequence[NumberedFinding], source: str) -> dict[str, object]:
 
 def _address(source: str) -> str:
     """A URI of the data: relative to the working directory where they are in it, as code scanning asks."""
-    if "://" in source:
+    if "://" in source:  # of the Hub
         return to_one_line(source)
     path = Path(os.path.abspath(source))
     return quote(path.relative_to(Path.cwd()).as_posix()) if path.is_relative_to(Path.cwd()) else path.as_uri()

@@ -71,7 +71,7 @@ for command in (audit, check, label, review):
 @click.pass_context
 def info(ctx: click.Context, /, file: str, form: str, table: bool, **options: Any) -> None:
     """Print how a file is read: demonstrations, observations, actions, and what is ignored and why."""
-    columns = pop_columns(options, guess=True)
+    columns = pop_columns(options)
     recording = commands.open_recording(file, columns, lambda _: None)
     if table:
         print_set(recording, file, form)

@@ -43,8 +43,8 @@ class RunOptions:
     """Rules of ``rpil check`` that reject."""
 
     @classmethod
-    def of(cls, options: dict[str, Value], guess: bool = False) -> RunOptions:
-        columns = pop_columns(options, guess)
+    def of(cls, options: dict[str, Value]) -> RunOptions:
+        columns = pop_columns(options)
         options.pop("session", None)  # is one of the columns
         options["adversary"] = options["adversary"].replace("-", " ")
         return cls(columns, **options)
@@ -106,7 +106,7 @@ outcome_option = click.option(
     metavar="[-]COLUMN|FILE",
     multiple=True,
     help="How each demonstration ended: a success, where 0 is bad; a return, rewards; or length, its steps; - where "
-    "more is worse; or a CSV file (id,value), or JSON. Several are witnesses, whose worth is learned.",
+    "more is worse; or a CSV file (id,value). Several are witnesses, whose worth is learned.",
 )
 session_option = click.option(
     "--session", metavar="COLUMN|file", help="Judge within sessions: a column, or the file of each demonstration."
@@ -122,7 +122,7 @@ COLUMN_OPTIONS = (
         "--operator",
         "--demonstrators",
         metavar="COLUMN|FILE",
-        help="Who gave each demonstration: a column of FILE, a CSV file (id,demonstrator), or JSON.",
+        help="Who gave each demonstration: a column of FILE, or a CSV file (id,demonstrator).",
     ),
     click.option("--task", metavar="COLUMN", help="The column that names the task."),
     click.option("--split-gap", **_SAY_SECONDS, help="Also end a demonstration at a longer pause, or an earlier time."),
@@ -151,7 +151,7 @@ FIT_OPTIONS = (
         "--labels",
         type=click.Path(),
         metavar="FILE",
-        help="Answers: good, bad, better than ID, same as ID; CSV (id,label) or JSON.",
+        help="Answers: good, bad, better than ID, same as ID; CSV (id,label).",
     ),
     outcome_option,
     click.option(
@@ -198,14 +198,13 @@ def with_options(*options: Option) -> Option:
     return lambda command: reduce(lambda wrapped, option: option(wrapped), reversed(options), command)
 
 
-def pop_columns(options: dict[str, Value], guess: bool = False) -> ColumnOptions:
+def pop_columns(options: dict[str, Value]) -> ColumnOptions:
     """The options for reading, removed from `options`; the session stays, because a fit needs it too."""
     from rpil.formats.columns import ColumnOptions
 
-    names = {one.name for one in fields(ColumnOptions)} - {"session", "allow_missing", "on_disk", "guess"}
+    names = {one.name for one in fields(ColumnOptions)} - {"session", "allow_missing", "on_disk"}
     return ColumnOptions(
         session=options.get("session"),
-        guess=guess,
         **{name: options.pop(name) for name in names & options.keys()},
     )
 

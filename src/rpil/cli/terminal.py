@@ -15,9 +15,8 @@ from contextlib import contextmanager
 
 import click
 
-from rpil.data.errors import DataWarning, shortened
+from rpil.data.errors import shortened
 from rpil.data.json_files import finite
-from rpil.data.privacy import without_secrets
 from rpil.data.text import printable
 
 NUMBER = re.compile(r"([-+]?[\d,.]+(e[-+]\d+)?)?")
@@ -48,7 +47,7 @@ def show_stages(quiet: bool) -> Iterator[StageProgress]:
         wait = FIRST
         while not finished.wait(wait):
             elapsed = time.monotonic() - start
-            line = f"rpil: {elapsed:.0f} s: {without_secrets(latest[0])}"
+            line = f"rpil: {elapsed:.0f} s: {latest[0]}"
             click.echo(f"\r\x1b[K{line[:PIPE_WIDTH]}" if in_place else line, err=True, nl=not in_place)
             wait = FIRST if in_place else max(INTERVAL, ELAPSED_SHARE * elapsed)
         click.echo("\r\x1b[K" * in_place, err=True, nl=False)
@@ -71,14 +70,14 @@ def print_warnings() -> Iterator[None]:
         warnings.simplefilter("always", UserWarning)
         yield
     of_users = (warning.message for warning in caught if issubclass(warning.category, UserWarning))
-    messages = (one.in_shell if isinstance(one, DataWarning) else str(one) for one in of_users)
+    messages = map(str, of_users)
     for message in dict.fromkeys(messages):
         click.echo(f"note: {to_one_line(message)}", err=True)
 
 
 def to_one_line(text: str) -> str:
     """The text on one line, without colours and secrets."""
-    return without_secrets(" ".join(click.unstyle(shortened(text)).split()))
+    return " ".join(click.unstyle(shortened(text)).split())
 
 
 def to_json(value: Mapping[str, object], schema: str = "") -> str:

@@ -1,4 +1,4 @@
-"""The errors and the warning that users meet; each message is one sentence that names the place and the remedy."""
+"""The errors that users meet; each message is one sentence that names the place and the remedy."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Any
 _QUOTE = re.compile(r"""((?:--[\w-]{1,40}|rpil \w{1,20}) )?(?<![\w=])(['"])((?:\\.|(?!\2)[^\\])*)(\2?)""", re.DOTALL)
 
 
-class SentenceWithOptions(Exception):
-    """One sentence naming the file or array, the demonstration and the remedy; see `shortened`.
+class DataError(ValueError):
+    """Bad input: one sentence naming the file or array, the demonstration and the remedy; see `shortened`.
 
     Where the remedy is an option, or several, ``<option>`` stands in their places in the sentence: the message names an
     argument of Python, and `in_shell` an option of the command.
@@ -25,16 +25,8 @@ class SentenceWithOptions(Exception):
         self.in_shell = _spelt(in_shell, (f"--{name.replace('_', '-')}" for name in options))
 
 
-class DataError(SentenceWithOptions, ValueError):
-    """Bad input."""
-
-
 class DamagedError(DataError):
     """Bad input because of what is in a file; another file beside it may be sound."""
-
-
-class DataWarning(SentenceWithOptions, UserWarning):
-    """Something about the data that a user may want to change."""
 
 
 def _spelt(sentence: str, options: Iterable[str]) -> str:

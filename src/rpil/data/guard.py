@@ -8,7 +8,6 @@ from contextlib import contextmanager
 
 from rpil.data.errors import DamagedError, DataError, MissingExtraError
 from rpil.data.files import StrPath
-from rpil.data.privacy import without_secrets
 
 _OF_WRITING = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 _OF_SYSTEM = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN, errno.EINTR, errno.ECHILD)
@@ -44,6 +43,6 @@ def guarded(
 
 def in_words(error: BaseException) -> str:
     """The type of an error and the beginning of its message, printable and without a full stop."""
-    text = "".join(sign if sign.isprintable() else " " for sign in without_secrets(str(error)))
+    text = "".join(sign if sign.isprintable() else " " for sign in str(error))
     text = " ".join(text.split()).replace(". ", ", ")[:_LONGEST].rstrip(" .")
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

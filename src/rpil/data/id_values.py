@@ -17,7 +17,7 @@ from rpil.data.cells import from_cell, to_cell
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
 from rpil.data.guard import guarded
-from rpil.data.json_files import LARGEST_TABLE, parse, read_text
+from rpil.data.json_files import LARGEST_TABLE, read_text
 from rpil.data.names import EPISODE, quoted
 from rpil.numerics.types import Array, Int
 
@@ -46,7 +46,7 @@ CANNOT_TELL = "cannot tell"
 
 _COMPARED = re.compile(r"\s*(better\s+than|same\s+as)\s(.*)", re.IGNORECASE | re.DOTALL)
 
-_EXTENSIONS = (".csv", ".json")
+_EXTENSIONS = (".csv",)
 
 
 def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what: str, option: str = "") -> None:
@@ -67,10 +67,10 @@ def read_labels(path: StrPath, ids: Iterable[object] = ()) -> dict[str, Label]:
 
 
 def read_answers(path: StrPath, ids: Iterable[object] = ()) -> tuple[dict[str, Label], Pairs]:
-    """Read labels and pairs from a CSV file with the columns ``id`` and ``label``, or a JSON object of id to label.
+    """Read labels and pairs from a CSV file with the columns ``id`` and ``label``.
 
     Labels are ``good`` or ``bad``, in any case, or ``expert`` and ``adversary``; ``better than ID`` makes a pair, and
-    ``same as ID`` one without a difference. A demonstration has one label and any number of pairs, in JSON a list. Ids
+    ``same as ID`` one without a difference. A demonstration has one label and any number of pairs. Ids
     come back as text, without white space at their ends unless one of the `ids` has it. A `DataError` names the file
     and the demonstration: unknown words, an id that is labelled twice, pairs that contradict each other, no answers.
     """
@@ -78,10 +78,9 @@ def read_answers(path: StrPath, ids: Iterable[object] = ()) -> tuple[dict[str, L
 
 
 def read_answer_rows(path: StrPath, ids: Iterable[object] = ()) -> list[AnswerRow]:
-    """The answers of a file that `read_answers` reads; of CSV with their notes."""
-    rows = read_id_pairs(check_extension(path, _EXTENSIONS, "labels"), "label", "good", ids, ["note"])
-    lists = ((m, given if isinstance(given, list) and given else [given], note) for m, given, *note in rows)
-    return [AnswerRow(m, word, *note) for m, words, note in lists for word in words]
+    """The answers of a file that `read_answers` reads, with their notes."""
+    rows = read_id_pairs(check_extension(path, _EXTENSIONS, "labels"), "label", ids, ["note"])
+    return [AnswerRow(*row) for row in rows]
 
 
 def parse_answers(
@@ -225,24 +224,14 @@ def match_demonstrators(pairs: Iterable[IdRow], source: str) -> dict[str, str]:
     return demonstrators
 
 
-def read_id_pairs(
-    path: StrPath, column: str, example: str, ids: Iterable[object], more: Sequence[str] = ()
-) -> list[IdRow]:
-    """Ids and values of a CSV file with the columns ``id`` and `column`, or of a JSON object; an id may come twice.
+def read_id_pairs(path: StrPath, column: str, ids: Iterable[object], more: Sequence[str] = ()) -> list[IdRow]:
+    """Ids and values of a CSV file with the columns ``id`` and `column`; an id may come twice.
 
-    In CSV white space at the ends of an id is left out, unless one of the `ids` has it; there may be `more` columns.
+    White space at the ends of an id is left out, unless one of the `ids` has it; there may be `more` columns.
     """
     path = check_readable(path)
-    with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
-        text = read_text(path, LARGEST_TABLE, "utf-8-sig")
-        if path.suffix.lower() == ".csv":
-            return _csv_pairs(text, (column, *more), path.name, {*map(str, ids)})
-        pairs = cast(list[IdRow], parse(text, path.name, LARGEST_TABLE, list))
-    if not text.lstrip().startswith("{"):
-        raise DataError(f'{path.name}: it must hold one object such as {{"17": "{example}"}}.')
-    for m, *_ in pairs:
-        check_text(m, "an id", path.name)
-    return pairs
+    with guarded(path.name, "it cannot be read as CSV", "write it again"):
+        return _csv_pairs(read_text(path, LARGEST_TABLE, "utf-8-sig"), (column, *more), path.name, {*map(str, ids)})
 
 
 def _csv_rows(text: str) -> tuple[csv.DictReader[str], list[str], str]:

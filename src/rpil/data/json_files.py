@@ -43,14 +43,14 @@ def object_in(text: object) -> dict[str, Parsed]:
     return found if isinstance(found, dict) else {}
 
 
-def parse(text: str | bytes, where: str, limit: int = LARGEST_METADATA, pairs: type | None = None) -> Parsed:
-    """What a text of JSON holds; objects are `pairs` of key and value, by default a dict.
+def parse(text: str | bytes, where: str, limit: int = LARGEST_METADATA) -> Parsed:
+    """What a text of JSON holds.
 
     A `DataError` where it is longer than `limit`, or holds more lists than `MOST_LISTS`; another `ValueError`, or a
     `RecursionError`, where it is no JSON.
     """
     check_text(text, where, limit)
-    return json.loads(text, object_pairs_hook=pairs)
+    return json.loads(text)
 
 
 def check_text(text: str | bytes, where: str, limit: int) -> None:

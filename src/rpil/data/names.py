@@ -15,7 +15,7 @@ TIMESTAMP = ("timestamp", "timestamps")
 _NUMBER = r"(?:_(?:index|ids?|idx|no|num|number|nr|name|key))?"
 _EPISODE_STEMS = (
     *("episode", "ep|eps", "traj|trajectory|trajectories", "demo|demonstration", "rollout", "run", "trial"),
-    *("sequence|seq", "session", "recording", "game|match", "group", ""),
+    *("sequence|seq", "session", "recording", "game|match", "group", "trip|drive", ""),
 )
 EPISODE_COLUMNS = [re.compile(rf"(?:{stem})s?{_NUMBER}" if stem else "id|uuid") for stem in _EPISODE_STEMS]
 OF_EPISODE = re.compile(
@@ -26,6 +26,9 @@ ACTION_COLUMNS = [
     (re.compile(rf"(?:{stem})(?:_(?:ids?|index|idx|label|class|code|name))?"), re.compile(rf"(?:{stem})(?:{rest})"))
     for stem, rest in zip(_ACTION_STEMS, [r"_\w+|\d+"] * 4 + [r"_?\d+"] * 2, strict=True)
 ]
+STEERING = re.compile(r"(?:user_)?(?:steer(?:ing)?|throttle|rudder|aileron|joystick|stick)s?(?:_.*|\d+)?|user_angle")
+PEDAL = re.compile(r"(?:user_)?(?:gas|brak(?:e|ing)|pedal)s?(?:_.*|\d+)?")
+"""Names of columns of what drivers and pilots steer with; with a pedal alone the wheel may have another name."""
 ABOUT_ACTION = re.compile(r".*_(?:mask|probs?|logp|log_?probs?|dim|time|timestamp|is_pad|names?|labels?|type)")
 OBSERVATION = re.compile(r"(?:expert_)?(?:observations?|obs)(?:_.*|\d.*|)")
 _OBSERVED = re.compile(r"^\s*(expert_)?(observations?|obs)[._/ -]?", re.I)

@@ -78,7 +78,7 @@ def given_outcome(
     others of `every` one; those left out are unknown. A `DataError` as `check_outcome`, and where an id is unknown or
     twice in the file, a value no number, or their count another one."""
     if isinstance(given, str):
-        source, rows = Path(given).name, read_id_pairs(given, "value", "1", every or ids)
+        source, rows = Path(given).name, read_id_pairs(given, "value", every or ids)
         words = {"true": 1.0, "false": 0.0, "": np.nan}
         found = cast(dict[str, float], {m: words.get(str(value).lower(), value) for m, value, *_ in rows})
         if len(found) < len(rows):

@@ -6,7 +6,6 @@ Nothing here needs scikit-learn, whose import takes longer than to judge a small
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Unpack, cast
@@ -44,12 +43,11 @@ def audit(
     Parameters
     ----------
     data : path, frame, Demonstrations, Recording or iterable of trajectories
-        As for `rpil.read`; large files stay on disk. Where no name says the id or the action of a file or a frame, they
-        are guessed, and a warning names them.
+        As for `rpil.read`; large files stay on disk.
     labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, sequence of such pairs, or path, optional
-        Answers about demonstrations; of a CSV file (id,label) or JSON where it is a path.
+        Answers about demonstrations; of a CSV file (id,label) where it is a path.
     outcome : str or several, mapping of id to number, or sequence of M numbers, optional
-        How each ended: a column, "length", a CSV file (id,value) or JSON, or numbers, of which more is better (a minus
+        How each ended: a column, "length", a CSV file (id,value), or numbers, of which more is better (a minus
         before a name: worse). Where all are 0 or 1, those with 0 are bad. Of several the worth is learned.
     random_state : int
         Seed; the same seed gives the same bits.
@@ -77,14 +75,11 @@ def audit(
     check_options(columns)
     named = cast(Names, outcome) if outcome is not None and are_names(outcome) else ()
     options = replace(ColumnOptions(**columns), outcome=named)
-    recording = opened(data, replace(options, guess=isinstance(data, str | os.PathLike | Frame)))
-    if recording.columns.guessed:
-        warnings.warn(recording.columns.guess, stacklevel=2)
+    recording = opened(data, options)
     operator = options.operator if options.operator in options.files else None
     stated = Statements.of(recording, labels, operator, None if options.outcomes else outcome)
     path = data if isinstance(data, str | os.PathLike) else None
     given = {"labels": labels, "outcome": outcome, "random_state": random_state or None, **columns}
-    given |= recording.columns.guessed
     texts = (f", {name}={value!r:.300}" for name, value in given.items() if value is not None)
     call = f"rpil.audit({type(data).__name__ if path is None else repr(os.fspath(path))}{''.join(texts)})"
     beside = labels if isinstance(labels, str | os.PathLike) else None, *options.files

@@ -16,7 +16,7 @@ import numpy as np
 from rpil.data.arrays import are_whole, as_names
 from rpil.data.errors import DataError
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
-from rpil.data.names import ACTION_COLUMNS, EPISODE, may_be_outcome, plain_name
+from rpil.data.names import ACTION_COLUMNS, EPISODE, plain_name
 from rpil.formats.columns import ColumnOptions, as_list
 from rpil.formats.format import StepTables
 from rpil.formats.metadata import Metadata
@@ -180,7 +180,7 @@ class Arrays:
         """The same with the demonstration first, where arrays are (T, M, ...).
 
         There is one run of true for each demonstration in a mask, or in what marks ends, or there are M lengths or ids,
-        or T + 1 observations. A `DataError` where only the values look so.
+        or T + 1 observations.
         """
         if not self.is_stacked:
             return self
@@ -192,8 +192,6 @@ class Arrays:
             told += [{shape[1 - k :][:1] for k in (0, 1) if np.all(runs[k] == 1)}]
         says = [shape[1:] in one for one in told if (shape[:1] in one) != (shape[1:] in one)]
         says = [True] if self.shape("observations")[0] > shape[0] else says
-        if not says:
-            self._refuse_time_first(shape[1])
         if says[:1] != [True]:
             return self
 
@@ -204,17 +202,6 @@ class Arrays:
         shapes = shape, (shape[0] + 1, shape[1])
         own = {name: swapped(one) for name, one in self.arrays.items() if one.shape[:2] in shapes}
         return replace(self, arrays={**self.arrays, **own})
-
-    def _refuse_time_first(self, n: int) -> None:
-        """Raise an error where values change less along the first index than along the second, of size `n`."""
-        values = np.asarray(self.arrays[self.names["observations"][0]][:99], dtype=float)[:, :99]
-        with np.errstate(invalid="ignore"):
-            pairs = ((values - np.roll(values, n, axis=k) for n in (1, values.shape[k] // 2)) for k in (0, 1))
-            (near, far), (beside, apart) = ([np.abs(one).mean() for one in pair] for pair in pairs)
-        if min(values.shape[:2]) > 7 and 2 * near < far and 4 * beside > 3 * apart:
-            fault = f"the first index of its arrays seems to be the time, the second one of {n:,} demonstrations"
-            remedy = "add an array lengths, with the steps of each, or swap the two axes"
-            raise DataError(f"{self.source}: {fault}; {remedy}.")
 
     def read(self) -> StepTables:
         """The recording in arrays of several demonstrations."""
@@ -239,8 +226,8 @@ class Arrays:
     def steps(self, cut: Cut) -> tuple[Array, dict[str, StoredArray]]:
         """The id of each step, and the arrays of all steps end to end.
 
-        Of the arrays with one value for each demonstration (M,), those that the user names, or that may be an outcome,
-        have this value at each step; where arrays are stacked, all of them.
+        Of the arrays with one value for each demonstration (M,), those that the user names have this value at each
+        step; where arrays are stacked, all of them.
         """
         options, is_step = self.options, cut.is_step
         found = {m: one for m, one in self.arrays.items() if m not in _ASIDE}
@@ -254,7 +241,7 @@ class Arrays:
         each = [m for m, one in self.arrays.items() if len(one.shape) == 1 and m not in _ASIDE]
         if is_step is None:
             ids = cut.ids
-            each = [m for m in each if self.arrays[m].shape != ids.shape and (m in named or may_be_outcome(m))]
+            each = [m for m in each if self.arrays[m].shape != ids.shape and m in named]
             _, first, inverse = np.unique(ids if each else ids[:0], return_index=True, return_inverse=True)
             n, owners = len(first), np.argsort(np.argsort(first))[inverse]
         else:

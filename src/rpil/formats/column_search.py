@@ -4,28 +4,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 
-import pyarrow as pa
-
 from rpil.data import names as spellings
 from rpil.data.errors import DataError
-from rpil.data.names import may_be_outcome, plain_name, quoted, short_name
+from rpil.data.names import plain_name, quoted, short_name
 from rpil.data.recorded_facts import FILE_SESSION
 from rpil.formats.columns import (
     LENGTH,
-    OF_PART,
     STRETCH,
     TIME_OF_STEP,
     ColumnOptions,
     Columns,
     Names,
     check_names,
-    guess_actions,
-    guess_id,
-    one_id,
 )
 from rpil.formats.table import Kind
 
@@ -37,12 +31,10 @@ _ROLES: tuple[tuple[str, Sequence[re.Pattern[str]], tuple[Kind, ...]], ...] = (
     ("order", spellings.ORDER_COLUMNS, ("number", "time", "counter", "text")),
     ("operator", [spellings.OPERATOR], ("number", "text")),
     ("task", [spellings.TASK], ("number", "text")),
-    ("intervention", [spellings.INTERVENTION], ("number",)),
 )
 """The patterns of the names of the columns of a role, and their kinds; the first line in which there are any counts."""
 
 _REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
-    ("written list", "written list"),
     ("nested", "images or nested values"),
     *spellings.NOT_SEEN,
     (spellings.OBSERVATION, ""),
@@ -62,7 +54,6 @@ _REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
 """Why a column of this kind, or of a name like this, is no observation, empty where it is one; the first that fits."""
 
 _NUMBERS: tuple[Kind, ...] = ("number", "list", "mixed", "counter")
-_QUANTITY = re.compile(r"[+-]?\d[\d.,]*\s*[^\d\s.,:/_-][^\d_.]{0,15}")
 
 
 def find_columns(
@@ -71,19 +62,11 @@ def find_columns(
     source: str,
     options: ColumnOptions = ColumnOptions(),
     default_id: str | None = None,
-    head: pa.Table | None = None,
-    made: Mapping[str, Kind] = {},
 ) -> Columns:
-    """The columns to read; a `DataError` where they cannot be found, and no `default_id` stands for the id. By the
-    first row of `head` numbers with a unit are named; columns `made` of what lies beside the table are found, too."""
+    """The columns to read; a `DataError` where they cannot be found, and no `default_id` stands for the id."""
     check_names(names, source)
-    if head is not None and not head.num_rows and names and default_id is None:
-        raise DataError(f"{source}: it has no rows; write one for each step below the names of its columns.")
-    kinds = {**dict.fromkeys(names, "number"), **kinds, **made}
-    found = _Search([*kinds], kinds, source, options, head).columns(default_id)
-    read = {*found.all}
-    others = (name for name, kind in kinds.items() if kind in ("number", "list") and name not in read)
-    return replace(found, made=(*made, *found.made), may_be_outcomes=tuple(filter(may_be_outcome, others)))
+    kinds = {**dict.fromkeys(names, "number"), **kinds}
+    return _Search([*kinds], kinds, source, options).columns(default_id)
 
 
 @dataclass(eq=False)
@@ -94,10 +77,8 @@ class _Search:
     kinds: Mapping[str, Kind]
     source: str
     options: ColumnOptions
-    head: pa.Table | None
     chosen_parts: dict[str, list[str]] = field(default_factory=dict)
     excluded_parts: dict[str, bool] = field(default_factory=dict)
-    guessed: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.plain = {name: plain_name(name) for name in self.names}
@@ -131,11 +112,8 @@ class _Search:
         for name in self.free.keys() - {*observations}:
             self.ignored.setdefault(name, "not among the observations that were named")
         ignored = {name: self.ignored[name] for name in self.names if name in self.ignored}
-        # What may divide a demonstration: nothing if its id is named, laps if it is guessed, else these.
+        # What may divide a demonstration, unless its id is named.
         parts: Iterable[str] = () if options.id else (name for name in (*other_ids, operator, task) if name)
-        if "id" in self.guessed:
-            plain = (name for name in self.names if self.kinds[name] in ("number", "text", "mixed"))
-            parts = (name for name in plain if OF_PART.fullmatch(self.plain[name]))
         times = [name for name in ignored if name not in self.excluded and self.plain[name] in spellings.TIMESTAMP]
         times = [name for name in times if self.kinds[name] in ("number", "time", "counter")]
         return Columns(
@@ -144,10 +122,8 @@ class _Search:
             chosen_parts=self.chosen_parts,
             excluded_parts=self.excluded_parts,
             source=self.source,
-            id_chosen=options.id is not None or "id" in self.guessed,
-            guessed=self.guessed,
+            id_chosen=options.id is not None,
             made=() if episode in self.kinds or episode == default_id else (STRETCH,),
-            intervention=next(iter(self.named_as("intervention", {*observations})), None),
         )
 
     def take(self, *names: str) -> None:
@@ -171,12 +147,8 @@ class _Search:
         wanted = self.one(self.options.id, "id") or (found[0] if found else default_id)
         if wanted is None and (self.options.split_gap or self.options.segment):
             wanted = STRETCH
-        if wanted is None and self.options.guess:
-            wanted = guess_id(self.head, [name for name in self.free if name not in given])
-            self.guessed |= {"id": wanted} if wanted else {}
         if wanted is None:
-            one = one_id(self.head, self.names)
-            what = f"says which demonstration a row is from{one}: name it {spellings.EPISODE[0]}, or name the column"
+            what = f"says which demonstration a row is from: name it {spellings.EPISODE[0]}, or name the column"
             raise self.no_column(what, "id", "split_gap")
         others = [name for name in found if name != wanted]
         self.ignored |= dict.fromkeys(others, "another id")
@@ -198,12 +170,11 @@ class _Search:
         for name in (name for name, plain in free if spellings.ACTION_COLUMNS[0][0].fullmatch(plain)):
             said = "holds texts in lists, or nested values; write each part of the action as a column"
             raise DataError(f"{self.source}: column {name!r} {said}.")
-        known = [name for name, _ in free if self.options.guess]
-        numbers, texts = ([name for name in known if self.kinds[name] in kinds] for kinds in (_NUMBERS, ("text",)))
-        guess = guess_actions(numbers, texts, self.head)
-        if guess:
-            self.guessed["action"] = ",".join(guess)
-            return guess, len(guess) == 1
+        numbers = [(name, plain) for name, plain in free if self.kinds[name] in _NUMBERS]
+        if any(spellings.STEERING.fullmatch(plain) for _, plain in numbers):  # pedals alone may lack their wheel
+            words = spellings.STEERING, spellings.PEDAL
+            found = [name for name, plain in numbers if any(one.fullmatch(plain) for one in words)]
+            return found, len(found) == 1
         raise self.no_column(f"holds the action: name it {spellings.ACTION[0]}, or name the columns", "action")
 
     def observations(self) -> list[str]:
@@ -226,11 +197,6 @@ class _Search:
     def reason(self, name: str) -> str:
         """Why a column without another role is no observation; empty where it is one."""
         kind, plain = self.kinds[name], self.plain[name]
-        is_there = kind == "text" and self.head is not None and name in self.head.column_names
-        values = self.head[name].unique() if self.head is not None and is_there else None
-        text = values[0].as_py() if values is not None and len(values) else None
-        if text is not None and _QUANTITY.fullmatch(text.strip()):
-            return f"text, as {text!r}; to observe it, write its numbers alone"
         fits = (why for key, why in _REASONS if (kind == key if isinstance(key, str) else key.fullmatch(plain)))
         return "text" if kind == "text" else next(fits, "")
 
@@ -306,22 +272,15 @@ class _Search:
         return found
 
     def refuse_named(self, episode: str, actions: Sequence[str], asked: Sequence[str]) -> None:
-        """A `DataError` where the user names the id as an action, or either of them as an observation; or where an
-        observation or action is text such as "[0.5, 1.0]"."""
+        """A `DataError` where the user names the id as an action, or either of them as an observation."""
         for option, names, others in (("action", actions, [episode]), ("observations", asked, [episode, *actions])):
             for name in (name for name in names if name in others):
                 role = "the id" if name == episode else "part of the action"
                 raise DataError(f"{self.source}: column {name!r} is {role} already; take it out of <option>.", option)
-        words = spellings.OBSERVATION, spellings.ACTION_COLUMNS[0][0]
-        for name in (name for name in self.names if self.kinds[name] == "written list"):
-            is_called_so = name in self.free and any(one.fullmatch(self.plain[name]) for one in words)
-            if is_called_so or name in (*asked, *actions):
-                said = f"column {name!r} holds lists that are written as text; write one column for each number"
-                raise DataError(f"{self.source}: {said}, or leave it out with <option>.", "exclude")
 
     def no_column(self, what: str, *options: str) -> DataError:
         """The error that no column is what it says; it lists the columns, with the kind of those that are not read."""
-        unread = ("nested", "text", "written list", "empty")
+        unread = ("nested", "text", "empty")
         shown = [(quoted([name]), self.kinds[name]) for name in self.names[:12]]
         listed = ", ".join(f"{name} ({kind})" if kind in unread else name for name, kind in shown)
         more = ", ..." if len(self.names) > 12 else ""

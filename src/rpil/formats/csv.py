@@ -56,8 +56,8 @@ def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, defau
         if other != name:
             raise in_two_files(without_suffix(name), other, name, source)
     words = first.words if default_id is None else f"{first.words}, {counted(len(files), 'file')}"
-    encodings = sorted({file.encoding for file in files.values()} - {"utf-8", "utf-16"})
-    notes = (f"Text is not UTF-8: read as {' and '.join(encodings)}.",) if encodings else ()
+    is_western = any(file.encoding != "utf-8" for file in files.values())
+    notes = ("Text is not UTF-8: read as cp1252.",) if is_western else ()
     found = _rows_of(files, columns)
     tables = found[first_name] if options.on_disk else found.values()
     if options.on_disk and len(found) > 1:  # with types that fit all of them
@@ -95,11 +95,10 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
     with guarded(file.path.name, *_FAULT):
         first = _parsed(file, head)
         kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS))
-        floats = [one.name for one in first.schema if options.guess and pa.types.is_floating(one.type)]
-        # Ids of more digits than numbers have would be one id.
-        if long := [name for name in floats if pc.any(pc.greater(pc.abs(first[name]), 2.0**63)).as_py()]:
-            first = _parsed(file, head, column_types=dict.fromkeys(long, pa.string()))
-    return find_columns(file.names, kinds, file.path.name, options, default_id, first)
+        if not len(first) and default_id is None:
+            said = "it has no rows; write one for each step below the names of its columns"
+            raise DataError(f"{file.path.name}: {said}.")
+    return find_columns(file.names, kinds, file.path.name, options, default_id)
 
 
 class _OtherTypeError(DataError):
@@ -147,8 +146,7 @@ def _read_table(name: str, file: TextTable, columns: Columns, types: Mapping[str
         with pa.csv.open_csv(text, *options) as reader:
             return ArrowFile.of((whole(pa.Table.from_batches([batch])) for batch in reader), file.path.name)
 
-    # On disk without outcomes, because the first block tells their types.
-    names = [one for one in (*columns.all, *(() if file.on_disk else columns.may_be_outcomes)) if one in file.names]
+    names = [one for one in columns.all if one in file.names]
     with guarded(file.path.name, *_FAULT):
         found = _parsed(file, rows, include_columns=names, strings_can_be_null=False, column_types=types)
         if file.n_lines not in (0, file.skip_rows + len(found)):  # in which no row can be lost
@@ -165,7 +163,7 @@ def _parsed(file: TextTable, take: Callable[..., Any], **conversion: object) -> 
     def on_invalid(row: pa.csv.InvalidRow) -> str:
         return "skip" if row.text.lstrip().startswith("#") else "error"
 
-    parsing = pa.csv.ParseOptions(delimiter=file.separator, newlines_in_values=True, invalid_row_handler=on_invalid)
+    parsing = pa.csv.ParseOptions(delimiter=file.separator, invalid_row_handler=on_invalid)
     reading = pa.csv.ReadOptions(column_names=file.names, skip_rows=file.skip_rows)
     reading.encoding = "utf8" if file.encoding == "utf-8" or file.skipped else file.encoding
     reading.block_size = (_BLOCKS_ON_DISK if file.on_disk else 1) * _BLOCK_BYTES
@@ -191,13 +189,14 @@ def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -
     column, found = file.names.index(find_text_columns(file, options, None).episode), set[str]()
     opener = gzip.open if path.suffix.lower() == ".gz" else open
     with cast(IO[str], opener(output, "wt", encoding=file.encoding, newline="")) as target:
-        for _, _, lines, values, fault in text_rows(file):
+        for _, line, values, fault in text_rows(file):
             if fault:
                 file.check()
+                continue
             demonstration = from_cell(values[column].strip()) if values else ""
             found.add(demonstration)
-            if not fault and (not values or demonstration in ids):
-                target.writelines(lines)
+            if not values or demonstration in ids:
+                target.write(line)
     return found & ids
 
 

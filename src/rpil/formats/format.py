@@ -19,7 +19,7 @@ from rpil.data.id_values import check_ids
 from rpil.data.names import natural_key, quoted
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
-from rpil.formats.columns import GUESSED_ROWS, ColumnOptions, Columns, check_names
+from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.metadata import Metadata
 from rpil.formats.steps import ArrowFile
 from rpil.numerics.types import Array
@@ -59,10 +59,10 @@ def from_arrow(
     table = next(waiting, pa.table({}))
     check_names(table.column_names, source)
     kinds = {field.name: flat.kind_of_type(field.type) for field in table.schema}
-    head = table.select([name for name, kind in kinds.items() if kind in ("number", "text")]).slice(0, GUESSED_ROWS)
-    kinds |= flat.kinds_of(head.slice(0, flat.HEAD_ROWS))
-    columns = find_columns(table.column_names, kinds, source, options, default_id, head)
-    chosen = (one.select([*columns.all, *columns.may_be_outcomes]) for one in chain([table], waiting))
+    head = table.select([name for name, kind in kinds.items() if kind in ("number", "text")]).slice(0, flat.HEAD_ROWS)
+    kinds |= flat.kinds_of(head)
+    columns = find_columns(table.column_names, kinds, source, options, default_id)
+    chosen = (one.select(columns.all) for one in chain([table], waiting))
     return StepTables(chosen, columns, source, format_name)
 
 
@@ -139,7 +139,6 @@ class Format:
     shots: Callable[[Path], Sequence[Shot]] | None = None  # where in video files each is seen; these need not be there
     # Lines with what to give the tool that wrote the data so that, of all ids, it takes those that `keep` wrote only.
     commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = lambda *_: []
-    notes_on_weights: tuple[str, ...] = ()  # sentences on how that tool takes weights
 
 
 def kept_of(there: Iterable[K], ids: Sequence[Id], path: Path) -> list[K]:

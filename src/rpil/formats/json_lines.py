@@ -1,4 +1,4 @@
-"""Lines of JSON: an object for each step, or for each demonstration with lists of its steps."""
+"""Lines of JSON: an object for each step."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.json
 
 from rpil.data.guard import guarded
 from rpil.data.held import held_bytes
 from rpil.data.memory import check_memory
-from rpil.data.names import ACTION_COLUMNS, EPISODE, EPISODE_COLUMNS, natural_key, plain_name
+from rpil.data.names import natural_key
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE
@@ -47,7 +46,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     files = {file.relative_to(path).as_posix() if path.is_dir() else file.name: file for file in _files(path)}
     check_memory(MEMORY_PER_BYTE * sum(file.stat().st_size for file in files.values()), path.name, options.memory)
     found = {name: _parsed(file, options) for name, file in files.items()}
-    tables = {name: _steps(table).drop_columns([_LINE]) for name, (table, _) in found.items()}
+    tables = {name: table.drop_columns([_LINE]) for name, (table, _) in found.items()}
     skipped = tuple(parts_in_words(damaged, "line", [name]) for name, (_, damaged) in found.items() if damaged)
     default = None
     if path.is_dir():
@@ -101,48 +100,16 @@ def _objects(lines: Mapping[int, bytes]) -> pa.Table:
     return table.append_column(_LINE, pa.array(lines, pa.int64()))
 
 
-def _steps(table: pa.Table) -> pa.Table:
-    """A row for each step of lines that hold demonstrations, in lists that are as long as the actions of each line."""
-    lists = [field.name for field in table.schema if pa.types.is_list(field.type)]
-    lengths = {name: pc.list_value_length(table[name]).fill_null(0).to_numpy() for name in lists}
-    nested = [name for name in lists if table.schema.field(name).type.value_type.num_fields]
-    varied = [name for name in lists if len(np.unique(lengths[name])) > 1]
-    if not nested and not varied:
-        return table
-    first = (nested or varied)[0]
-    steps = [name for name in lists if np.array_equal(lengths[name], lengths[first])]
-    plain = {name: plain_name(name) for name in table.column_names}
-    patterns = [pattern for pair in ACTION_COLUMNS for pattern in pair]
-    if any(one.fullmatch(plain[name]) for name in plain if name not in steps for one in patterns):
-        return table  # lists within one step, such as an image
-    rows = pa.array(np.repeat(np.arange(len(table)), lengths[first]))
-    columns = {name: pc.list_flatten(table[name]) if name in steps else table[name].take(rows) for name in plain}
-    others = [plain[name] for name in plain if name not in steps]
-    if not any(one.fullmatch(name) for name in others for one in EPISODE_COLUMNS):
-        columns[EPISODE[0]] = rows
-    flat = plain_columns(pa.table(columns))
-    short = [name.removeprefix(f"{first}.") for name in flat.column_names]
-    return flat.rename_columns(short) if len({*short}) == len(short) else flat
-
-
 def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
-    """Copy the lines of the demonstrations `ids`; return the ids found.
-
-    Where a line holds steps of several demonstrations, an object for each step is written.
-    """
-    table = _steps(_parsed(path, options)[0])
+    """Copy the lines of the demonstrations `ids`; return the ids found."""
+    table = _parsed(path, options)[0]
     line_of, table = table[_LINE].to_numpy(), table.drop_columns([_LINE])
     episode = from_arrow([table], options, path.name, "").columns.episode
     names, owners = flat.id_codes(table, episode, lambda _: path.name)
     wanted = {k: str(name) for k, name in enumerate(names) if str(name) in ids}
-    is_kept = np.isin(owners, [*wanted])
-    copied = {*line_of[is_kept].tolist()}
-    if copied.isdisjoint(line_of[~is_kept].tolist()):
-        with held_bytes(path) as source, output.open("wb") as file:
-            file.writelines(line for number, line in enumerate(source, 1) if number in copied)
-        return {*wanted.values()}
-    with output.open("w", encoding="utf-8") as file:
-        file.writelines(f"{json.dumps(row, default=str)}\n" for row in table.filter(pa.array(is_kept)).to_pylist())
+    copied = {*line_of[np.isin(owners, [*wanted])].tolist()}
+    with held_bytes(path) as source, output.open("wb") as file:
+        file.writelines(line for number, line in enumerate(source, 1) if number in copied)
     return {*wanted.values()}
 
 

@@ -2,57 +2,53 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import PurePosixPath
+from pathlib import Path
 from typing import TypeGuard
 
 import pyarrow as pa
-from pyarrow import fs
 
 from rpil.data.arrays import Id
-from rpil.data.errors import DataError
 from rpil.data.folders import check_inside, is_hidden
 from rpil.data.guard import guarded
+from rpil.data.held import held_bytes
 from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, Parsed, parse, parse_lines
-from rpil.data.names import quoted
 from rpil.formats.metadata import SIZES, Metadata
-from rpil.formats.parquet_file import input_file, read_table
+from rpil.formats.parquet_file import read_table
 
 _PLACE = re.compile(r"\{(\w+)(?::(0\dd))?\}")
-_NO_FACT = re.compile(r"(?:stats|videos|data|meta)/.*|dataset_.*|tasks?|task_index")
-"""Columns of the table of episodes that say nothing of a demonstration."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MetaFolder:
-    """The folder ``meta`` in the folder `top`, which no link may leave."""
+    """The folder ``meta`` in the folder at `path`, which no link may leave."""
 
-    filesystem: fs.FileSystem
-    top: PurePosixPath
+    path: Path
 
     @cached_property
-    def files(self) -> list[PurePosixPath]:
+    def files(self) -> list[Path]:
         """What is in it; a `DataError` where a link leads out of the folder, or to nothing."""
-        selector = fs.FileSelector(str(self.top / "meta"), recursive=True, allow_not_found=True)
-        found = sorted(PurePosixPath(info.path) for info in self.filesystem.get_file_info(selector))
-        for place in found if isinstance(self.filesystem, fs.LocalFileSystem) else ():
+        inside = ((Path(folder), [*folders, *files]) for folder, folders, files in os.walk(self.path / "meta"))
+        found = sorted(folder / name for folder, names in inside for name in names)
+        for place in found:
             if not is_hidden(place.name):
-                check_inside(str(place), str(self.top))
+                check_inside(place, self.path)
         return found
 
-    def _text(self, place: PurePosixPath, limit: int) -> bytes:
+    def _text(self, place: Path, limit: int) -> bytes:
         """As much of a file as its kind has at most, and a byte more."""
-        with input_file(self.filesystem, place) as stream:
-            return bytes(stream.read_at(limit + 1, 0))
+        with held_bytes(place) as stream:
+            return stream.read(limit + 1)
 
     @cached_property
     def info(self) -> dict[str, Parsed]:
         """What ``info.json`` says; empty where it is not there, and a `DataError` where it is damaged."""
-        place, name = self.top / "meta" / "info.json", f"{self.top.name}/meta/info.json"
+        place, name = self.path / "meta" / "info.json", f"{self.path.name}/meta/info.json"
         if place not in self.files:
             return {}
         with guarded(place, remedy="change its permissions, or move it away"):
@@ -62,132 +58,63 @@ class MetaFolder:
                 return info
             raise TypeError("no object")
 
-    def tables(self, name: str) -> list[PurePosixPath]:
+    def tables(self, name: str) -> list[Path]:
         """The Parquet files of a table, in order."""
-        parts = [(place, place.relative_to(self.top / "meta").parts[0]) for place in self.files]
-        own = (place for place, first in parts if first in (name, f"{name}.parquet"))
-        return sorted(place for place in own if place.suffix == ".parquet")
+        first = (place.relative_to(self.path / "meta").parts[0] for place in self.files)
+        own = (place for place, part in zip(self.files, first, strict=True) if part in (name, f"{name}.parquet"))
+        return [place for place in own if place.suffix == ".parquet"]
 
     def rows(self, name: str, wanted: Callable[[str], bool] = lambda _: True) -> list[dict[str, Parsed]]:
         """The rows of a table: of lines of JSON before version 3.0, of Parquet files since; none where it is not there.
 
         Of Parquet files the columns that are `wanted` are given. Errors of reading are left as they are.
         """
-        lines = self.top / "meta" / f"{name}.jsonl"
+        lines = self.path / "meta" / f"{name}.jsonl"
         if lines in self.files:
             return parse_lines(self._text(lines, LARGEST_TABLE), str(lines), LARGEST_TABLE)
-        rows: list[dict[str, Parsed]] = []
-        for place in self.tables(name):
-            table = read_table(place, None, self.filesystem)
-            rows += table.select([*filter(wanted, table.column_names)]).to_pylist()
-        return rows
+        tables = [read_table(place) for place in self.tables(name)]
+        return [row for one in tables for row in one.select([*filter(wanted, one.column_names)]).to_pylist()]
 
     @cached_property
     def lengths(self) -> dict[Id, int]:
         """Steps by episode; empty where it does not say, and a `DataError` where it is damaged."""
-        with guarded(self.top / "meta", "it does not say how long each episode is", "write it again"):
-            return {int(row["episode_index"]): int(row["length"]) for row in self.episodes}
+        with guarded(self.path / "meta", "it does not say how long each episode is", "write it again"):
+            rows = self.rows("episodes", lambda name: name in ("episode_index", "length"))
+            return {int(row["episode_index"]): int(row["length"]) for row in rows}
 
-    @cached_property
-    def episodes(self) -> list[dict[str, Parsed]]:
-        """What it says of each episode, without statistics and places."""
-        return self.rows("episodes", lambda name: not _NO_FACT.fullmatch(name))
-
-    def facts(self) -> dict[str, dict[str, Parsed]]:
-        """The columns with a text or number for an episode, which has its number, as text."""
-        found: dict[str, dict[str, Parsed]] = {}
-        for row in self.episodes:
-            for name, value in row.items():
-                if isinstance(value, str | int | float) and not _NO_FACT.fullmatch(name):
-                    found.setdefault(name, {})[str(row["episode_index"])] = value
-        return {name: one for name, one in found.items() if name not in ("episode_index", "length")}
-
-    def tasks(self) -> dict[str, str] | None:
-        """Task by its number; since version 3.0 its text is the index of pandas. None where they are damaged."""
-        try:
-            found = {}
+    def tasks(self) -> dict[str, str]:
+        """Task by its number; since version 3.0 its text is the index of pandas. Empty where they are damaged."""
+        found = {}
+        with suppress(pa.ArrowException, OSError, ValueError, KeyError, TypeError, RecursionError):
             for row in self.rows("tasks"):
                 texts = [text for name, text in row.items() if name != "task_index"]
                 found[str(row["task_index"])] = str(row.get("task", *texts[:1]))
-            return found
-        except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, RecursionError):
-            return None
-
-    def listed(self, present: Sequence[str]) -> list[str]:
-        """Those of the data files `present` that it lists; all where it does not say, or lists none of them.
-
-        Before version 3 each episode has a file, so that files of episodes which ``meta`` does not name are strays.
-        """
-        template, size = self.info.get("data_path"), chunk_size(self.info)
-        if isinstance(template, str) and "episode_index" in template and size is not None:
-            with suppress(KeyError, ValueError):
-                names = {fill(template, int(m) // size, int(m)) for m in self.lengths}
-                return [place for place in present if place in names] or list(present)
-        return list(present)
+        return found
 
 
-def choose_files(filesystem: fs.FileSystem, where: str, place: str, files: list[str]) -> list[str]:
-    """The data among the Parquet `files` in the folder `place`, which may be LeRobot's ``data``, without strays.
-
-    A `DataError` that names `where` if ``meta`` is there and the data are not.
-    """
-    folder = PurePosixPath(place)
-    meta = MetaFolder(filesystem, folder.parent if folder.name == "data" else folder)
-    by_place = {str(PurePosixPath(file).relative_to(meta.top)): file for file in files}
-    own = [place for place in by_place if not place.startswith("meta/")]
-    try:
-        if not meta.info:
-            return files
-        listed = meta.listed(own)
-    except DataError:  # the reader names what is damaged, after the data
-        return files
-    if not own and "codebase_version" in meta.info:
-        n = str(meta.info.get("total_episodes", "?"))[:20]
-        raise DataError(
-            f"{where}: meta/info.json describes a data set of LeRobot of {n} episodes, and no Parquet file is in data; "
-            "download it again, or record some."
-        )
-    return [by_place[place] for place in listed]
-
-
-def read_metadata(filesystem: fs.FileSystem, paths: Sequence[str]) -> Metadata:
+def read_metadata(paths: Sequence[str]) -> Metadata:
     """The metadata of the data set that holds the data files `paths`; empty where there are none.
 
     Lengths are those of all demonstrations, and empty where `paths` are some of the files only. A `DataError` where
     ``info.json`` or the table of lengths is damaged; a value of ``info.json`` that cannot be used is left out.
     """
-    data = next((folder for folder in PurePosixPath(paths[0]).parents if folder.name == "data"), None)
-    meta = None if data is None else MetaFolder(filesystem, data.parent)
+    data = next((folder for folder in Path(paths[0]).parents if folder.name == "data"), None)
+    meta = None if data is None else MetaFolder(data.parent)
     if data is None or meta is None or not meta.info:
         return Metadata()
-    info = meta.info | {name: _number(meta.info[name]) for name in ("fps", *SIZES) if name in meta.info}
-    fps, given, tasks = frame_rate(info.get("fps")), info.get("features", {}), meta.tasks()
-    features = {k: v for k, v in given.items() if isinstance(v, dict)} if isinstance(given, dict) else {}
-    wrong = [name for name in given if name not in features] if isinstance(given, dict) else []
-    sizes: dict[str, float] = {name: info[name] for name in SIZES if _is_size(info.get(name))}
-    is_usable = {
-        f"fps = {str(info.get('fps'))[:40]!r}": fps == info.get("fps"),
-        f"features {quoted(wrong, 5)}".strip(): features == given,
-        **{name: name in sizes for name in SIZES if name in info},
-        "chunks_size": chunk_size(info) is not None,
-        "tasks": tasks is not None,
-    }
-    infos = filesystem.get_file_info(fs.FileSelector(str(data), recursive=True))
-    places = (PurePosixPath(one.path).relative_to(data.parent) for one in infos)
-    present = [str(file) for file in places if file.suffix == ".parquet" and not file.name.startswith((".", "_"))]
-    listed, read = {*meta.listed(present)}, {str(PurePosixPath(path).relative_to(data.parent)) for path in paths}
+    info = meta.info | {name: _number(meta.info[name]) for name in SIZES if name in meta.info}
+    features = info.get("features")
+    features = features if isinstance(features, dict) else {}
+    shown = {str(file) for file in data.rglob("*.parquet") if not file.name.startswith((".", "_"))}
     return Metadata(
         version=str(info.get("codebase_version", ""))[:40],
-        fps=fps,
-        names={name: parts for name, feature in features.items() if (parts := _part_names(feature))},
-        tasks=tasks or {},
+        fps=frame_rate(info.get("fps")),
+        names={m: parts for m, one in features.items() if isinstance(one, dict) and (parts := _part_names(one))},
+        tasks=meta.tasks(),
         videos=cameras(info, "video"),
         n_cameras=len(cameras(info, "video", "image")),
-        strays=tuple(sorted({*present} - listed - read)),
-        sizes=sizes,
-        lengths=meta.lengths if listed <= read else {},
-        unusable=tuple(what for what, holds in is_usable.items() if not holds),
-        facts=meta.facts(),
+        sizes={name: info[name] for name in SIZES if _is_size(info.get(name))},
+        lengths=meta.lengths if shown <= {*paths} else {},
     )
 
 
@@ -195,8 +122,9 @@ def _is_size(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < 1e15
 
 
-def frame_rate(value: object) -> float | None:
+def frame_rate(value: Parsed) -> float | None:
     """Frames a second; None where it is no number above 0."""
+    value = _number(value)
     return float(value) if _is_size(value) and 0 < value < 1e9 else None
 
 

@@ -11,8 +11,7 @@ import pyarrow as pa
 
 from rpil.data.arrays import Id, are_whole
 from rpil.data.errors import DataError
-from rpil.data.json_files import Parsed
-from rpil.data.names import EPISODE, TIMESTAMP, plain_name, quoted
+from rpil.data.names import EPISODE, TIMESTAMP, plain_name
 from rpil.data.recorded_facts import FILE_SESSION, Facts, outcome_of_steps
 from rpil.data.text import counted
 from rpil.formats.columns import LENGTH, Columns
@@ -36,23 +35,15 @@ class Metadata:
     tasks: Mapping[str, str] = field(default_factory=dict)  # by task_index, as text
     videos: tuple[str, ...] = ()  # observations that lie beside the table
     n_cameras: int = 0  # of videos and of images
-    strays: tuple[str, ...] = ()  # data files that ``meta`` does not list
     sizes: Mapping[str, float] = field(default_factory=dict)  # declared numbers of demonstrations and steps
     lengths: Mapping[Id, int] = field(default_factory=dict)  # declared steps of each demonstration
-    unusable: tuple[str, ...] = ()  # what ``meta`` says and cannot be used
-    facts: Mapping[str, Mapping[str, Parsed]] = field(default_factory=dict)  # of ``meta/episodes``: column, id, value
 
     def notes(self, n_demonstrations: int, n_steps: int) -> tuple[str, ...]:
-        """What ``meta`` says otherwise than the data, or cannot be used of it, in sentences."""
+        """What ``meta`` says otherwise than the data, in sentences."""
         counts = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
-        values = {name: [*dict.fromkeys(map(str, by_id.values()))] for name, by_id in self.facts.items()}
-        facts = ", ".join([f"{name} ({quoted(some, 4)})" for name, some in values.items() if len(some) > 1][:8])
         unseen = f"{counted(self.n_cameras, 'camera')} {'are' if self.n_cameras > 1 else 'is'} not used"
         found = (
-            self.unusable and f"Left out of meta, because it cannot be used: {', '.join(self.unusable)}.",
-            self.strays and f"Left out, because meta does not list them: {quoted(self.strays, 5)}.",
             self.n_cameras and f"{unseen}: what only pictures show is not known here.",
-            facts and f"meta has of each demonstration {facts}: name one with --operator, --session or --outcome.",
             *(
                 f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data decide."
                 for name, (n, what) in counts.items()
@@ -106,8 +97,7 @@ def _sessions(name: str, steps: Steps, files: Sequence[str]) -> tuple[str, ...]:
 def _outcome(table: pa.Table, wanted: str, columns: Columns, offsets: Array, source: str) -> Float[Array, " M"]:
     """The outcome of each demonstration in the `wanted` column, with NaN where it is not known."""
     name = wanted.removeprefix("-")
-    others = quoted([*(other for other in columns.may_be_outcomes if other != name), LENGTH])
-    ways = f"name another column with <option> ({others} may do)"
+    ways = f"name another column with <option>, or {LENGTH!r}"
     found: Array | None = np.diff(offsets).astype(float)
     if name != LENGTH:
         values = numbers_or_missing(table[name])

@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Sequence, Set
 from contextlib import suppress
-from dataclasses import replace
 from itertools import chain
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pyarrow import fs
 
 from rpil.data.errors import DamagedError, DataError
 from rpil.data.files import replacing
-from rpil.data.json_files import Parsed
 from rpil.data.memory import check_memory
 from rpil.data.names import EPISODE, is_data
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
-from rpil.formats.columns import GUESSED_ROWS, ColumnOptions, Columns, check_names
+from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.meta_folder import MetaFolder, read_metadata
 from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, opened, read_table
 from rpil.formats.scan import parts_in_words, without_damaged
-from rpil.formats.table import BATCH_ROWS, Kind, encoded, other_columns
+from rpil.formats.table import BATCH_ROWS, other_columns
 
 _HEAD_COLUMNS = 2000  # whose first values are looked at
 _NESTED_ROWS = 1000  # read at a time where there are images
@@ -34,41 +31,38 @@ _NESTED_ROWS = 1000  # read at a time where there are images
 Change = Callable[["pa.Table"], "pa.Table"]
 
 
-def read_files(filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions, source: str) -> StepTables:
+def read_files(paths: Sequence[str], options: ColumnOptions, source: str) -> StepTables:
     """Read files with the same columns."""
-    paths, skipped = readable(filesystem, paths, source) if options.skip_bad else (paths, ())
+    paths, skipped = readable(paths, source) if options.skip_bad else (paths, ())
     try:
-        schema, sizes, columns, metadata, n_bytes = _opened_files(filesystem, paths, options)
+        schema, sizes, columns, metadata, n_bytes = _opened_files(paths, options)
     except DamagedError:
-        readable(filesystem, paths, source, skips=False)
+        readable(paths, source, skips=False)
         raise
     name = f"LeRobot {metadata.version}" if metadata.version else "Parquet"
     name = name if len(paths) == 1 else f"{name}, {len(paths):,} files"
     if not options.on_disk:
         check_memory(n_bytes, source, options.memory)
-    named = {name: metadata.facts[name] for name in columns.made if name in metadata.facts}
-    tables = _tables(filesystem, paths, schema, columns.episode, named)
-    columns = replace(columns, made=tuple(name for name in columns.made if name not in named))
-    return StepTables(tables, columns, source, name, sizes, metadata, skipped=skipped)
+    return StepTables(_tables(paths, schema), columns, source, name, sizes, metadata, skipped=skipped)
 
 
 def _opened_files(
-    filesystem: fs.FileSystem, paths: Sequence[str], options: ColumnOptions
+    paths: Sequence[str], options: ColumnOptions
 ) -> tuple[pa.Schema, dict[str, int], Columns, Metadata, int]:
     """The types of the columns that are read, the rows of each file, the columns by their roles, what the files say of
     themselves, and the bytes that all take in memory; a `DataError` where the columns of the files differ."""
     schema, sizes, n_bytes, columns, metadata = pa.schema([]), dict[str, int](), 0, None, Metadata()
-    short = [PurePosixPath(path).name for path in paths]  # but where two are called alike
+    short = [Path(path).name for path in paths]  # but where two are called alike
     for path, name in zip(paths, short if len({*short}) == len({*paths}) else paths, strict=True):
-        with opened(filesystem, path) as file:
+        with opened(path) as file:
             if columns is None:  # so that damaged data are named before damaged metadata
-                metadata = read_metadata(filesystem, paths)
-                columns = columns_of_file(file, name, options, metadata.facts)
+                metadata = read_metadata(paths)
+                columns = columns_of_file(file, name, options)
             names, known = set(file.schema_arrow.names), {*columns.all, *columns.ignored}
             if not names.issuperset(columns.all) or any(is_data(other) for other in names - known):
                 raise other_columns(name, next(iter(sizes)), names, known)
-            read = {*columns.all, *columns.may_be_outcomes}
-            n_bytes += sum(check_sizes(file, read, filesystem, path))
+            read = {*columns.all}
+            n_bytes += sum(check_sizes(file, read, path))
             own = pa.schema([one for one in file.schema_arrow if one.name in read])
             try:
                 schema = pa.unify_schemas([schema, own], promote_options="permissive")
@@ -77,77 +71,57 @@ def _opened_files(
             sizes[name] = file.metadata.num_rows
     if columns is None or not sum(sizes.values()):
         raise DataError(f"{paths[0]}: there are no demonstrations; give at least one with at least one step.")
-    order = dict.fromkeys([*columns.all, *columns.may_be_outcomes])
-    return pa.schema([schema.field(one) for one in order]), sizes, columns, metadata, n_bytes
+    return pa.schema([schema.field(one) for one in columns.all]), sizes, columns, metadata, n_bytes
 
 
-def _tables(
-    filesystem: fs.FileSystem,
-    paths: Sequence[str],
-    schema: pa.Schema,
-    episode: str,
-    facts: Mapping[str, Mapping[str, Parsed]],
-) -> Iterator[pa.Table]:
-    """The rows of files, with the types of a schema, and a column for each of the `facts`."""
+def _tables(paths: Sequence[str], schema: pa.Schema) -> Iterator[pa.Table]:
+    """The rows of files, with the types of a schema."""
     for path in paths:
-        n_rows, name = 0, PurePosixPath(path).name
-        with opened(filesystem, path) as file:
+        n_rows, name = 0, Path(path).name
+        with opened(path) as file:
             for batch in file.iter_batches(BATCH_ROWS, columns=schema.names, use_threads=False):
                 n_rows += len(batch)
                 table = pa.Table.from_batches([batch]).select(schema.names)
                 check_table(table, name)
-                table = table if table.schema.equals(schema) else table.cast(schema)
-                ids, rows = encoded(table[episode]) if facts else ([], ())
-                for fact, by_id in facts.items():
-                    table = table.append_column(fact, pa.array([by_id.get(str(m)) for m in ids]).take(pa.array(rows)))
-                yield table
+                yield table if table.schema.equals(schema) else table.cast(schema)
             if n_rows != file.metadata.num_rows:
                 raise ValueError(f"{n_rows} of {file.metadata.num_rows} rows are there")
 
 
-def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions, facts: Collection[str] = ()) -> Columns:
-    """The columns of an open file, by their names, types and first values; a `DataError` where these are too large.
-
-    Those of the `facts` that the user names are among them.
-    """
+def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions) -> Columns:
+    """The columns of an open file, by their names, types and first values; a `DataError` where these are too large."""
     schema = file.schema_arrow
     check_names(schema.names, name)
     kinds = {field.name: flat.kind_of_type(field.type) for field in schema} if file.metadata.num_rows else {}
     # Of images no value is read, and of very many columns the types are enough.
     plain = [column for column, kind in kinds.items() if kind in ("number", "text")][:_HEAD_COLUMNS]
     bytes_of_groups(file, plain, name)
-    n_rows = GUESSED_ROWS if options.guess else flat.HEAD_ROWS
-    batch = next(file.iter_batches(n_rows, columns=plain, use_threads=False), None)
+    batch = next(file.iter_batches(flat.HEAD_ROWS, columns=plain, use_threads=False), None)
     head = None if batch is None else pa.Table.from_batches([batch])
     if head is not None:
         check_table(head, name)
-        kinds |= flat.kinds_of(head.slice(0, flat.HEAD_ROWS))
-    outcomes = (name.removeprefix("-") for name in options.outcomes)
-    named = {options.operator, options.session, *outcomes} - {*schema.names}
-    made: dict[str, Kind] = {fact: "text" for fact in facts if fact in named}
-    return find_columns(schema.names, kinds, name, options, head=head, made=made)
+        kinds |= flat.kinds_of(head)
+    return find_columns(schema.names, kinds, name, options)
 
 
-def readable(
-    filesystem: fs.FileSystem, paths: Sequence[str], source: str, skips: object = True
-) -> tuple[list[str], tuple[str, ...]]:
+def readable(paths: Sequence[str], source: str, skips: object = True) -> tuple[list[str], tuple[str, ...]]:
     """The Parquet files that are not damaged, by all of their rows, and words for the others, with the episodes that
     ``meta`` lists and no other file has; unless these are skipped, a `DataError` on them, by footers alone."""
 
     def read(path: str) -> None:
-        with opened(filesystem, path) as file:
+        with opened(path) as file:
             for batch in file.iter_batches(flat.HEAD_ROWS, use_threads=False) if skips else ():
                 batch.validate(full=True)
 
     found, damaged = without_damaged(paths, read)
-    data = next((folder for path in damaged for folder in PurePosixPath(path).parents if folder.name == "data"), None)
-    names, there, listed = [PurePosixPath(path).name for path in damaged], set[int](), set[int]()
+    data = next((folder for path in damaged for folder in Path(path).parents if folder.name == "data"), None)
+    names, there, listed = [Path(path).name for path in damaged], set[int](), set[int]()
     if data is not None:
         with suppress(DataError):  # of damaged metadata, which their reader names
-            listed |= {int(m) for m in MetaFolder(filesystem, data.parent).lengths}
+            listed |= {int(m) for m in MetaFolder(data.parent).lengths}
         for path in found if listed else ():
-            there |= {*read_table(path, [EPISODE[0]], filesystem)[EPISODE[0]].to_pylist()}
-        names = [str(PurePosixPath(path).relative_to(data.parent)) for path in damaged]
+            there |= {*read_table(path, [EPISODE[0]])[EPISODE[0]].to_pylist()}
+        names = [str(Path(path).relative_to(data.parent)) for path in damaged]
     words = parts_in_words(listed - there, "episode", names)
     if damaged and not skips:
         said = f"damaged, as where a recording is cut off: {words}; copy again, or read and keep"
@@ -184,12 +158,11 @@ def keep_rows(
 
 def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[str]) -> Iterator[pa.Table]:
     """An empty table of a Parquet file's columns, and then its rows of the demonstrations `ids`, which `found` gets."""
-    filesystem = fs.LocalFileSystem()
-    with opened(filesystem, str(path)) as file:
+    with opened(path) as file:
         schema = file.schema.to_arrow_schema()
         nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
         column = columns_of_file(file, path.name, options).episode
-        check_memory(max(check_sizes(file, schema.names, filesystem, path), default=0), path.name, options.memory)
+        check_memory(max(check_sizes(file, schema.names, path), default=0), path.name, options.memory)
         yield schema.empty_table()
         names, owners = flat.id_codes(file.read([column], use_threads=False), column, lambda _: path.name)
         wanted = {k: str(name) for k, name in enumerate(names) if str(name) in ids}
@@ -207,7 +180,7 @@ def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[s
 FORMAT = Format(
     name="Parquet",
     claims=called(".parquet"),
-    read=lambda path, options: read_files(fs.LocalFileSystem(), [str(path.absolute())], options, path.name),
+    read=lambda path, options: read_files([str(path.absolute())], options, path.name),
     keep=keep_one_file(keep_rows),
     suffixes=(".parquet",),
     write=lambda path, *data: write_tables(path, iter([flat.from_demonstrations(*data)])),

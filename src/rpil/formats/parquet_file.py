@@ -8,15 +8,14 @@ from __future__ import annotations
 import io
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from pathlib import PurePath, PurePosixPath
+from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
-from pyarrow import fs
 
 from rpil.data.errors import DataError
-from rpil.data.files import refuse_pointer
+from rpil.data.files import StrPath, refuse_pointer
 from rpil.data.guard import guarded
 from rpil.data.held import held
 from rpil.data.memory import BYTES_PER_NUMBER, MIB, check_free, check_memory
@@ -31,48 +30,43 @@ _LARGEST_PAGE = 64 * MIB
 _BUFFER_BYTES = 262_144  # of a column, read at a time: a row group need not fit in memory
 
 
-def input_file(filesystem: fs.FileSystem, path: PurePath | str) -> AbstractContextManager[pa.NativeFile]:
+def input_file(path: StrPath) -> AbstractContextManager[pa.NativeFile]:
     """The bytes of a file; see `rpil.data.held`."""
-    return held(str(path), lambda: filesystem.open_input_file(str(path)), filesystem.type_name)
+    return held(path, lambda: pa.OSFile(str(path)), "Arrow")
 
 
 @contextmanager
-def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
+def opened(path: StrPath) -> Iterator[pq.ParquetFile]:
     """The open file, whose checksums are compared as it is read; a `DataError` where it is no Parquet file."""
     try:
         # Neither mapped into memory, where mapped pages stay and count, nor fetched by whole row groups.
         options = {"buffer_size": _BUFFER_BYTES, "pre_buffer": False, "page_checksum_verification": True}
-        with input_file(filesystem, path) as stream, pq.ParquetFile(stream, **options) as file:
+        with input_file(path) as stream, pq.ParquetFile(stream, **options) as file:
             # A text that repeats stays in memory once.
             texts = [field.name for field in file.schema_arrow if pa.types.is_string(field.type)]
             if texts:
                 file = pq.ParquetFile(stream, metadata=file.metadata, read_dictionary=texts, **options)
             yield file
-    except FileNotFoundError as error:
-        raise DataError(f"{path}: there is no such file here; check the path.") from error
     except DataError:
         raise
     except Exception:
-        with guarded(PurePosixPath(path).name, "not a Parquet file, or a damaged or truncated one", "write it again"):
-            with input_file(filesystem, path) as stream:
-                refuse_pointer(stream.read_at(100, 0), PurePosixPath(path).name)
+        with guarded(Path(path).name, "not a Parquet file, or a damaged or truncated one", "write it again"):
+            with input_file(path) as stream:
+                refuse_pointer(stream.read_at(100, 0), Path(path).name)
             raise
 
 
-def read_table(
-    path: PurePath | str, columns: Sequence[str] | None = None, filesystem: fs.FileSystem | None = None
-) -> pa.Table:
+def read_table(path: StrPath, columns: Sequence[str] | None = None) -> pa.Table:
     """Those of the columns that are there, by default all; a `DataError` where they do not fit in memory.
 
     Errors of pyarrow are left as they are.
     """
-    name = PurePath(path).name
-    filesystem = filesystem or fs.LocalFileSystem()
-    with input_file(filesystem, path) as stream, pq.ParquetFile(stream) as file:
+    name = Path(path).name
+    with input_file(path) as stream, pq.ParquetFile(stream) as file:
         names = file.schema_arrow.names
         chosen = names if columns is None else [column for column in columns if column in names]
         where = name if columns is None or len(columns) > 1 else f"{name}, column {columns[0]!r}"
-        check_memory(sum(check_sizes(file, chosen, filesystem, path)), where)
+        check_memory(sum(check_sizes(file, chosen, path)), where)
         table = file.read(chosen, use_threads=False)
     check_table(table, name)
     return table
@@ -93,16 +87,14 @@ def check_table(table: pa.Table, name: str) -> None:
             raise DataError(f"{name}: {fault}; write shorter ones, or drop the column.")
 
 
-def check_sizes(
-    file: pq.ParquetFile, columns: Collection[str], filesystem: fs.FileSystem, path: PurePath | str
-) -> list[int]:
+def check_sizes(file: pq.ParquetFile, columns: Collection[str], path: StrPath) -> list[int]:
     """The bytes that `columns` of the open file at `path` take in memory in each row group; errors are those of
-    `bytes_of_groups`, and a `DataError` where lists in a local file hold more than its footer says."""
-    name = PurePath(path).name
+    `bytes_of_groups`, and a `DataError` where lists hold more than its footer says."""
+    name = Path(path).name
     sizes = bytes_of_groups(file, columns, name)
     lists = [k for k in _parts_of(file, columns) if file.schema.column(k).max_repetition_level]
-    if lists and isinstance(filesystem, fs.LocalFileSystem):
-        with input_file(filesystem, path) as stream:
+    if lists:
+        with input_file(path) as stream:
             check_pages(file, stream, lists, name)
     return sizes
 

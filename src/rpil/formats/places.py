@@ -108,7 +108,7 @@ def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> t
 
 
 def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str) -> None:
-    """A `DataError` where ids are yes or no; or where a user, or a guess, chose the time or number of a row."""
+    """A `DataError` where ids are yes or no; or where a user chose the time or number of a row."""
     name, flags = columns.episode, {str(name).lower() for name in names[:3]}
     if flags <= {"true", "false"} or (flags <= {"0", "1"} and is_outcome(name)):
         raise DataError(
@@ -132,18 +132,8 @@ def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str)
 def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: str | None, at: Place) -> None:
     """A `DataError` where the rows of one id seem to be several demonstrations, as where each session counts its own.
 
-    They are one where a column gives the order of its rows, unless they lie together only by a second column, or the
-    ids are a guess.
+    They are one where a column gives the order of its rows, unless they lie together only by a second column.
     """
-    is_guess = "id" in columns.guessed
-    for name in columns.orders if is_guess and order is None else ():
-        values = flat.order_values(table[name])
-        if values is not None and len(again := np.flatnonzero((np.diff(values) < 0) & (np.diff(group) == 0))):
-            raise DataError(
-                f"{at(int(again[0]) + 1)}: {name!r} starts again, and the id {columns.episode!r} is only a guess; "
-                f"if a new demonstration begins there, give <option> 1, else <option> {columns.episode}.",
-                ("split_gap", "id"),
-            )
     for name in columns.parts:
         n_ids = len(np.unique(group))
         codes = flat.encoded(table[name])[1]
@@ -151,7 +141,7 @@ def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: str | 
         pairs, first = np.unique(pair, return_index=True)
         n_runs, n_runs_of_ids = (1 + np.count_nonzero(np.diff(numbers)) for numbers in (pair, group))
         together = n_runs == len(pairs) and n_runs_of_ids > n_ids
-        if n_ids < len(pairs) <= len(group) / 2 and (order is None or together or is_guess):
+        if n_ids < len(pairs) <= len(group) / 2 and (order is None or together):
             rows = np.sort(first)
             row = int(rows[np.flatnonzero(np.isin(rows, np.unique(group, return_index=True)[1], invert=True))[0]])
             raise DataError(

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-import shlex
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,7 +17,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
-from rpil.data.recorded_facts import Facts, outcome_of_steps, tells
+from rpil.data.recorded_facts import Facts
 from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids
 from rpil.formats.dataset import Dataset, Layout
 from rpil.formats.format import Defect, StepTables
@@ -35,8 +34,8 @@ from rpil.formats.metadata import (
 from rpil.formats.places import find_places
 from rpil.formats.scan import Description, Scan, commas, left_out_lines, scan
 from rpil.formats.steps import ArrowFile, Steps
-from rpil.formats.table import end_to_end, numbers_or_missing
-from rpil.numerics.types import Array, Bool
+from rpil.formats.table import end_to_end
+from rpil.numerics.types import Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -123,13 +122,6 @@ class Recording:
             found[m].append("" if value is None else names.get(str(value), str(value)))
         return {m: "; ".join(sorted(tasks)) for m, tasks in found.items()}  # several are one task together
 
-    @property
-    def interventions(self) -> Bool[Array, " N"] | None:
-        """Whether a person had taken over in each step; None where no column says it."""
-        name = self.columns.intervention
-        values = None if name is None else numbers_or_missing(self.steps.read([name])[name])
-        return None if values is None or not np.isin(values, (0, 1)).all() else np.asarray(values[:, 0] > 0)
-
     def times(self) -> Times:
         """What the file says of its own times and lengths."""
         metadata = self.origin.metadata
@@ -213,7 +205,6 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
         left = tuple(one for one in layout.observations if one.name not in left_out)
         seen = scan(steps, replace(layout, observations=left), columns)
     columns = columns.without_observations(left_out | seen.left_out)
-    columns = replace(columns, may_be_outcomes=tuple(_outcomes(steps, columns)))
     found = replace(found if len(steps.ids) == len(ids) else _of(found, steps.ids), tables=())
     n_asked = f"{asked.sum():,} of {len(ids):,} demonstrations are read, as asked."
     left_out_notes = (*([] if asked.all() else [n_asked]), *left_out_lines((), aside))
@@ -276,19 +267,6 @@ def _of(found: StepTables, ids: Sequence[Id]) -> StepTables:
     return replace(found, metadata=replace(found.metadata, sizes={}, lengths=lengths))
 
 
-def _outcomes(steps: Steps, columns: Columns) -> Iterator[str]:
-    """The columns that may be an outcome, without those that are read and the same for all demonstrations."""
-    table = steps.read(name for name in columns.may_be_outcomes if name in steps.table.schema.names)
-    for name in columns.may_be_outcomes:
-        values = numbers_or_missing(table[name]) if name in table.column_names else None
-        if values is None:
-            yield name
-        elif values.shape[1] == 1:
-            outcome = outcome_of_steps(values[:, 0].astype(float), steps.offsets, name)
-            if outcome is not None and tells(outcome):
-                yield name
-
-
 def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, clock: Clock | None) -> Description:
     metadata, layout, n_steps = origin.metadata, found.layout, len(steps)
     seconds, recorded = clock.seconds(steps.offsets) if clock else (None, None)
@@ -326,7 +304,6 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
         ignored={**columns.ignored, **times, **videos, **layout.left_out, **origin.ignored},
         missing=missing,
         ranges=ranges,
-        outcomes={name: f"--outcome {shlex.quote(name)}" for name in columns.may_be_outcomes},
         notes=(
             *notes,
             *origin.notes,

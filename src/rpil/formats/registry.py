@@ -36,13 +36,6 @@ _HUB_FILES = ["meta/**", "data/**", "*.parquet", "*.csv", "*.jsonl"]
 _LISTS = (".json", ".txt")
 """Extensions of lists of ids."""
 
-_HUB_FAILURES = {
-    "GatedRepoError": "the Hub gives it only with a token; accept its terms there, then run hf auth login",
-    "RepositoryNotFoundError": "the Hub has no such data set, or it is private; check the name, or run hf auth login",
-    "LocalEntryNotFoundError": "the Hub could not be reached; check the network",
-}
-"""Why a data set cannot be downloaded, and what to do, by the error of the client."""
-
 
 class Formats:
     """The formats of `rpil.formats`, and of other packages: a module is imported when its turn comes."""
@@ -83,13 +76,13 @@ is opened for them; what any folder may be comes last."""
 
 
 def find_format(path: StrPath) -> Format | None:
-    """The format that claims a file, a folder, a pattern or an address; None for what is not there or not known.
+    """The format that claims a file, a folder or a pattern; None for what is not there or not known.
 
     A `DataError`, before anything is opened, where `check_folder` raises one.
     """
     place = Path(path)
     if not place.exists():
-        return table_folder.FORMAT if "://" in str(path) or has_magic(str(path)) else None
+        return table_folder.FORMAT if has_magic(str(path)) else None
     check_folder(check_exists(place))
     for one in FORMATS:
         try:
@@ -175,8 +168,6 @@ class ClaimedPath:
 
     def check_output(self, output: StrPath, options: ColumnOptions = ColumnOptions()) -> Path:
         """The path of the `output`, or a `DataError`, before any work, where `keep` cannot write there."""
-        if "://" in str(self.path):
-            raise DataError(f"{self.path}: only files of this computer can be given back; download it first.")
         times = (("--split-gap", options.split_gap), ("--segment", options.segment))
         if asked := " ".join(f"{name} {seconds:g}" for name, seconds in times if seconds):
             first = f"first run rpil convert {self.path} {asked} -o ALL.parquet"
@@ -214,6 +205,8 @@ class ClaimedPath:
 def find(path: StrPath) -> ClaimedPath:
     """`path` with its format; a `DataError` where there is nothing, or nothing that is known."""
     place = downloaded(path)
+    if "://" in str(place):
+        raise DataError(f"{path}: addresses are not read; download the data, and give their path.")
     known = find_format(place)
     if known is None:
         there = check_exists(place)
@@ -258,6 +251,5 @@ def downloaded(path: StrPath) -> StrPath:
     try:
         return Path(hub.snapshot_download(name, repo_type="dataset", allow_patterns=_HUB_FILES))
     except Exception as error:  # of very many types
-        kinds = [kind.__name__ for kind in type(error).__mro__ if kind.__name__ in _HUB_FAILURES]
-        why = _HUB_FAILURES[kinds[0]] if kinds else f"the Hub did not give it ({in_words(error)}); try again"
-        raise DataError(f"{address}: {why}.") from error
+        said = f"the Hub did not give it ({in_words(error)}); check the name and the network, or run hf auth login"
+        raise DataError(f"{address}: {said}.") from error

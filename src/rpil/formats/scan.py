@@ -196,8 +196,6 @@ class Description:
         Values that are missing, by column.
     ranges : mapping of str to pair of float
         Smallest and largest value of each observation and continuous action.
-    outcomes : mapping of str to str
-        Columns that may say how each demonstration ended, and the option that has an audit use one.
     notes : tuple of str
         What else a user should know, in sentences.
     """
@@ -222,7 +220,6 @@ class Description:
     ignored: Mapping[str, str] = field(default_factory=dict)
     missing: Mapping[str, int] = field(default_factory=dict)
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    outcomes: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, object]:
@@ -248,12 +245,7 @@ class Description:
         lines += [f"  {name}{self._range(name)}" for name in self.observations]
         if self.action_kind != "discrete":
             lines += ["Actions:", *(f"  {name}{self._range(name)}" for name in self.actions)]
-        others = self.ranges.keys() - {*self.observations, *self.actions}
-        if others:
-            lines += ["Ranges of whole columns:", *(f"  {name}{self._range(name)}" for name in sorted(others))]
-        outcomes = {name: f"for rpil audit: {option}" for name, option in self.outcomes.items()}
-        named = (("Ignored", self.ignored), ("Missing values", self.missing), ("May be an outcome", outcomes))
-        for title, values in named:
+        for title, values in (("Ignored", self.ignored), ("Missing values", self.missing)):
             if values:
                 lines += [f"{title}:", *(f"  {name or 'no name'}: {value}" for name, value in values.items())]
         return lines

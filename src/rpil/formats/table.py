@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, Literal
 
@@ -17,15 +16,11 @@ from rpil.data.memory import check_memory
 from rpil.data.names import EPISODE, STEP, action_columns, quoted, short_name
 from rpil.numerics.types import Array
 
-Kind = Literal["number", "list", "text", "written list", "mixed", "time", "counter", "empty", "nested"]
+Kind = Literal["number", "list", "text", "mixed", "time", "counter", "empty", "nested"]
 """Of a column's values; "mixed" is text in the place of some numbers, "counter" the number of the row."""
 
 Place = Callable[[int], str]
 """The place of a row of a table in messages: its file, demonstration and number."""
-
-_WRITTEN = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?"
-_WRITTEN_LIST = re.compile(rf"\[.*\]|\(?{_WRITTEN}(?:(?:\s*[,;]\s*|\s+){_WRITTEN})+\)?", re.IGNORECASE | re.DOTALL)
-"""Numbers in one text, as "0.1, 0.2"; where all are whole, as in "1 0", it may be a class."""
 
 BATCH_ROWS = 65_536
 """Maximum rows per batch."""
@@ -40,9 +35,7 @@ def kinds_of(head: pa.Table) -> dict[str, Kind]:
     for name, kind in found.items():
         if kind == "text":
             texts = [text.strip() for text in head[name].unique().to_pylist() if text]
-            if any("[" in text or "." in text for text in texts) and all(map(_WRITTEN_LIST.fullmatch, texts)):
-                found[name] = "written list"
-            elif texts and 2 * sum(map(is_number, texts)) >= len(texts):
+            if texts and 2 * sum(map(is_number, texts)) >= len(texts):
                 found[name] = "mixed"
         elif kind == "number" and len(head) >= _COUNTED_ROWS and head[name][0].as_py() in (0, 1):
             values = np.asarray(head[name].to_numpy(), dtype=float)

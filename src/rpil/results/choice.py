@@ -170,7 +170,7 @@ def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
                 columns["id"] = [from_cell(str(name)) for name in columns["id"]]
     if {"id", "verdict"} <= {*columns}:
         return columns
-    if kind == "parquet":
+    if kind != "csv":
         remedy = "give the table of rpil audit --verdicts, the list of --keep, or labels"
         raise DataError(f"{path.name}: it has no columns id and verdict; {remedy}.")
     labels = read_labels(path, ids)

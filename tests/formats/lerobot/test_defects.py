@@ -10,7 +10,6 @@ import pytest
 
 import lerobot_folders as folders
 from lerobot_folders import change_info
-from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats.lerobot.defects import find_defects, find_shots
 from rpil.formats.registry import find
@@ -46,8 +45,6 @@ def test_totals_and_statistics_are_compared(tmp_path):
 def test_a_size_of_chunks_that_is_none_is_named(tmp_path, size):
     root = folders.write(tmp_path / "drive", LENGTHS, "v2.1")
     change_info(root, chunks_size=size)
-    (note,) = [text for text in formats.read_recording(root).description.notes if "meta" in text]
-    assert "cannot be used: chunks_size." in note
     (defect,) = find_defects(root, False)
     assert f"info.json: chunks_size is {size}, no whole number above 0" in defect.sentence
     with pytest.raises(DataError, match=r"info\.json: it cannot be read .*chunks_size"):

@@ -7,13 +7,12 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pyarrow import fs
 
 from rpil.data.arrays import group_rows
 from rpil.data.errors import DataError
@@ -93,14 +92,12 @@ PATHS = {
     "v3.0": (
         "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
         "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
-    )
-} | dict.fromkeys(
-    ("v2.1", "v2.0"),
-    (
+    ),
+    "v2.1": (
         "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
         "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4",
     ),
-)
+}
 """Where LeRobot has its data and its videos, by its version."""
 
 NEAR_SECONDS = 1e-4
@@ -122,24 +119,13 @@ class EpisodeRows(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class CheckedFolder:
-    """A folder of LeRobot at `path`; errors of reading are `DataError`."""
-
-    path: Path
-
-    @cached_property
-    def meta(self) -> MetaFolder:
-        return MetaFolder(fs.LocalFileSystem(), PurePosixPath(self.path.absolute().as_posix()))
-
-    @property
-    def info(self) -> dict[str, Parsed]:
-        """What ``info.json`` says."""
-        return self.meta.info
+class CheckedFolder(MetaFolder):
+    """A folder of LeRobot; errors of reading are `DataError`."""
 
     @cached_property
     def data(self) -> dict[int, EpisodeRows]:
         """The rows of each episode, by the data; of those in damaged files there are none."""
-        found, _ = without_damaged(find_files(self.path)[1], self._rows_in)
+        found, _ = without_damaged(map(str, find_files(self.path)[0]), self._rows_in)
         return {m: rows for own in found.values() for m, rows in own.items()}
 
     def _rows_in(self, file: str) -> dict[int, EpisodeRows]:
@@ -169,7 +155,7 @@ class CheckedFolder:
             found[m] = EpisodeRows(len(own), first, place, *timing)
         return found
 
-    def files(self, only: Collection[str] | None = None) -> list[Path]:
+    def data_files(self, only: Collection[str] | None = None) -> list[Path]:
         """The data files that hold episodes, `only` these or any."""
         own = (rows.file for m, rows in self.data.items() if only is None or str(m) in only)
         return [self.path / file for file in dict.fromkeys(own)]
@@ -178,7 +164,7 @@ class CheckedFolder:
         """The state of each episode, (N, D), as that of the joints of a robot; empty where the data have none."""
         names = [name for name in self.info["features"] if name.startswith(("observation.state", "state"))]
         found: dict[int, Array] = {}
-        for file in self.files():
+        for file in self.data_files():
             table = read_table(file, ["episode_index", *names])
             values = [numbers_or_missing(table[name]) for name in names if name in table.column_names]
             if columns := [one for one in values if one is not None]:
@@ -190,21 +176,21 @@ class CheckedFolder:
     @cached_property
     def episodes(self) -> dict[int, dict[str, Parsed]]:
         """What ``meta`` says of each episode, without its statistics; empty where it says nothing."""
-        rows = self.meta.rows("episodes", lambda column: not column.startswith("stats/"))
+        rows = self.rows("episodes", lambda column: not column.startswith("stats/"))
         return {int(row["episode_index"]): row for row in rows}
 
     @cached_property
     def schema(self) -> pa.Schema | None:
         """That of the table of the episodes; None where it is no Parquet file."""
-        schemas = [pq.read_schema(str(place)) for place in self.meta.tables("episodes")]
+        schemas = [pq.read_schema(str(place)) for place in self.tables("episodes")]
         return pa.unify_schemas(schemas, promote_options="permissive") if schemas else None
 
     def statistics(self) -> dict[int, ByFeature]:
         """Those of each episode by feature; empty where ``meta`` has none by episode."""
         if self.schema is None:
-            return {int(row["episode_index"]): row["stats"] for row in self.meta.rows("episodes_stats")}
+            return {int(row["episode_index"]): row["stats"] for row in self.rows("episodes_stats")}
         found: dict[int, ByFeature] = {}
-        for row in self.meta.rows("episodes", lambda column: column.startswith(("stats/", "episode_index"))):
+        for row in self.rows("episodes", lambda column: column.startswith(("stats/", "episode_index"))):
             m, own = int(row.pop("episode_index")), defaultdict[str, dict[str, Parsed]](dict)
             for column in row:
                 feature, _, name = column.removeprefix("stats/").rpartition("/")

@@ -173,7 +173,7 @@ def find_faults(shots: Sequence[Shot], fps: float, states: Mapping[int, Array] |
     for path in [path for path in by_file if path not in lost]:
         own = by_file[path]
         try:
-            times, frames = (video.Packets.of(path).times, None) if states is None else video.look(path)
+            times, frames = (video.frame_times(path), None) if states is None else video.look(path)
         except DataError as error:
             first, last = own[0].episode, own[-1].episode
             yield Defect("video file", str(first) if first == last else f"{first} to {last}", str(error).rstrip("."))

@@ -7,7 +7,7 @@ import re
 import shlex
 import shutil
 import warnings
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 
 from rpil.data.arrays import Id, group_rows
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, new_folder
+from rpil.data.files import StrPath, check_readable, new_folder
 from rpil.data.folders import copy_folder
 from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
@@ -28,7 +28,7 @@ from rpil.data.names import quoted
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, Shot
-from rpil.formats.lerobot import checked_folder, video
+from rpil.formats.lerobot import checked_folder
 from rpil.formats.lerobot.checked_folder import EPISODES_STATS, INFO, PATHS, STATS, ByFeature, CheckedFolder
 from rpil.formats.lerobot.defects import find_defects, find_shots, in_times, in_videos
 from rpil.formats.meta_folder import cameras, chunk_size, fill
@@ -36,11 +36,6 @@ from rpil.formats.parquet import keep_rows
 from rpil.numerics.types import Array
 
 _EPISODES = "meta/episodes/chunk-000/file-000.parquet"
-
-WEIGHTS = (
-    "LeRobot 0.6.1 cannot read weights from a file: give it the list of --keep. In review there, and in no release, is "
-    "--sample_weighting.type=static --sample_weighting.weights_path=FILE, which finds weights by the index of the step."
-)
 
 MAX_LISTED = 100
 """Episodes of a data set whose lists are printed."""
@@ -52,7 +47,7 @@ def claims(path: Path) -> bool:
 
 
 def check_output(path: Path, output: Path) -> dict[str, Parsed]:
-    """What ``meta/info.json`` says; a `DataError` or `MissingExtraError` where `keep` cannot write to `output`."""
+    """What ``meta/info.json`` says; a `DataError` where `keep` cannot write to `output`."""
     info = CheckedFolder(path).info
     version = info.get("codebase_version")
     if version not in PATHS:
@@ -66,8 +61,6 @@ def check_output(path: Path, output: Path) -> dict[str, Parsed]:
             raise ValueError(f"{wrong[0]!r} is no name of a camera")
         if info["chunks_size"] < 1 or not 0 < fps < 1e9:
             raise ValueError("chunks_size is no whole number above 0, or fps none")
-    if seen and version == "v3.0" and (path / "videos").is_dir():
-        video.load_av()
     return info
 
 
@@ -102,7 +95,7 @@ class Kept:
 
     def copy_data(self) -> None:
         """Write the data files that hold any of the episodes."""
-        n_files, files = 0, self.old.files(self.wanted)
+        n_files, files = 0, self.old.data_files(self.wanted)
         for file in files:
             self.place = self.place_of(n_files)
             target = self.target(0, *self.place)
@@ -176,24 +169,16 @@ class Kept:
     def _copy_videos(self, camera: str, shots: Sequence[Shot]) -> dict[int, dict[str, Parsed]]:
         """Write the videos of a camera; by the old number of each episode, where in them it lies.
 
-        A file of which all episodes are kept whole is copied; of others, the frames of the kept ones.
+        A file with any of these episodes is copied whole: `meta` says where in it each lies.
         """
-        n_episodes = Counter(self.old.video(camera, m) for m in self.old.episodes)
-        by_file, said = defaultdict[Path, list[Shot]](list), {}
+        places, said = dict[Path, tuple[int, int]](), dict[int, dict[str, Parsed]]()
         for shot in shots:
-            by_file[shot.path].append(shot)
-        for number, (source, own) in enumerate(by_file.items()):
-            chunk, file = self.place_of(number)
-            target = self.target(1, chunk, file, camera)
-            spans = [(shot.start, shot.end) for shot in own]
-            if len(own) == n_episodes[source]:
-                shutil.copyfile(source, target)
-            else:
-                starts = video.cut(source, target, spans, float(self.info["fps"]))
-                spans = [(start, start + b - a) for start, (a, b) in zip(starts, spans, strict=True)]
-            for shot, (start, end) in zip(own, spans, strict=True):
-                where = {"chunk_index": chunk, "file_index": file, "from_timestamp": start, "to_timestamp": end}
-                said[shot.episode] = {f"videos/{camera}/{name}": value for name, value in where.items()}
+            if shot.path not in places:
+                places[shot.path] = self.place_of(len(places))
+                shutil.copyfile(check_readable(shot.path), self.target(1, *places[shot.path], camera))
+            where = dict(zip(("chunk_index", "file_index"), places[shot.path], strict=True))
+            where |= {"from_timestamp": shot.start, "to_timestamp": shot.end}
+            said[shot.episode] = {f"videos/{camera}/{name}": value for name, value in where.items()}
         return said
 
 
@@ -279,22 +264,20 @@ def _write_statistics(kept: Kept, by_episode: Sequence[ByFeature], gone: Sequenc
 def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
     """What to give LeRobot, so that its version 0.6.1 trains on the episodes `kept` among `ids`.
 
-    Where there are more than `MAX_LISTED` episodes, the shell reads their numbers from the JSON file `output`.
+    Where there are more than `MAX_LISTED` episodes, their numbers are in the JSON file `output`.
     """
     is_list, version = Path(output).suffix.lower() == ".json", ""
     with suppress(DataError):
         version = str(CheckedFolder(path).info.get("codebase_version"))
     if Path(output).name and not is_list:
         words = [f"--dataset.repo_id={Path(output).name}", f"--dataset.root={output}"]
-        return [*_conversion(path, version, Path(output)), f"To train on the new folder: {shlex.join(words)}"]
+        return [*_conversion(version, Path(output)), f"To train on the new folder: {shlex.join(words)}"]
     numbers = shlex.quote(f"[{', '.join(map(str, kept))}]")
     if len(ids) > MAX_LISTED and not is_list:
         to_list = shlex.join(["rpil", "keep", str(path), "-o", "keep.json"])
         return [f"The episodes are too many to be printed; to give their list to LeRobot: {to_list}"]
-    if len(ids) > MAX_LISTED:
-        program = 'import json, sys; print(json.load(open(sys.argv[1]))["episodes"])'
-        numbers = f'"$({shlex.join(["python", "-c", program, str(output)])})"'
-    lines = [*_conversion(path, version, path), f"To train on these, whatever the policy: --dataset.episodes={numbers}"]
+    numbers = f"[...], with the numbers in {output}" if len(ids) > MAX_LISTED else numbers
+    lines = [*_conversion(version, path), f"To train on these, whatever the policy: --dataset.episodes={numbers}"]
     if len(kept) < len(ids):
         better = "A folder with statistics of its own, videos too: rpil keep with -o"
         new = f"{str(path).rstrip('/')}_trusted"
@@ -302,18 +285,13 @@ def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: 
     return lines
 
 
-def _conversion(path: Path, version: str, root: Path) -> list[str]:
-    """How the folder `root`, of this version and with the statistics at `path`, becomes one of version 3.0."""
-    if not version.startswith("v2"):
+def _conversion(version: str, root: Path) -> list[str]:
+    """How the folder `root`, of this version, becomes one of version 3.0."""
+    if version != "v2.1":
         return []
     words = ["python", "-m", "lerobot.scripts.convert_dataset_v21_to_v30", f"--repo-id={root.resolve().name}"]
     command = shlex.join([*words, f"--root={root}", "--push-to-hub=false"])
-    needs = []
-    if version != "v2.1":
-        needs = [f"The converter to version 3.0 reads 2.1 only, and this is {version[1:]}: convert it to 2.1 before."]
-    elif not (path / EPISODES_STATS).is_file():
-        needs = [f"The converter to version 3.0 needs {EPISODES_STATS}, and that is not there."]
-    return [*needs, f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {command}"]
+    return [f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {command}"]
 
 
 FORMAT = Format(
@@ -324,7 +302,6 @@ FORMAT = Format(
     has_own_ids=True,
     check_output=check_output,
     commands_to_keep=commands,
-    notes_on_weights=(WEIGHTS,),
     find_defects=find_defects,
     annotate=checked_folder.annotate,
     shots=find_shots,
