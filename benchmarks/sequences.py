@@ -25,9 +25,13 @@ import rpil
 from options import asked, at_least
 from provenance import line, provenance
 from rpil.data.errors import DataError
-from worlds.sequences import KINDS, Table
+from rpil.results import step_weights
+from rpil.results.record import Audit
+from worlds.sequences import KINDS, LAW, Table
 
 COIN_LABELS = 8
+TAKEOVERS = 0.0, 1.0, 2.0, 4.0
+"""Log-odds of a step of a person, tried."""
 
 
 def auroc(good: Any, scores: Any) -> float:
@@ -43,6 +47,25 @@ def without(made: Table) -> float:
         return float("nan")
     same = len(audit.ids) == len(made.true.is_good)
     return auroc(made.true.is_good, audit.log_odds) if same else float("nan")
+
+
+def of_takeovers(made: Table, audit: Audit) -> dict[str, float]:
+    """How well the weights of the steps tell good from bad ones, and how far a law that is fitted by them is from the
+    true one, by the log-odds of a takeover."""
+    if audit.taken_over is None:
+        return {}
+    found, before = {}, step_weights.TAKEOVER
+    demonstrations = made.true.demonstrations
+    design = np.column_stack([demonstrations.observations, np.ones(demonstrations.n_steps)])
+    for log_odds in TAKEOVERS:
+        step_weights.TAKEOVER = log_odds
+        weight = step_weights.weights_of(audit)
+        root = np.sqrt(weight)[:, None]
+        law = np.linalg.lstsq(design * root, demonstrations.actions * root, rcond=None)[0][:, 0]
+        found[f"bad steps {log_odds:g}"] = auroc(~made.bad_steps, weight)
+        found[f"error of the law {log_odds:g}"] = float(np.abs(law - LAW).mean())
+    step_weights.TAKEOVER = before
+    return found
 
 
 def figures(name: str, seed: int) -> dict[str, float]:
@@ -67,6 +90,7 @@ def figures(name: str, seed: int) -> dict[str, float]:
             "outliers of clean": calm.verdicts.count("outlier"),
             "verdicts by coins": len(verdicts) - verdicts.count("open"),
             "clean": float(len(calm.ids)),
+            **of_takeovers(made, audit),
         }
 
 

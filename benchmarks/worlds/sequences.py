@@ -1,4 +1,4 @@
-"""Tables of other kinds: long recordings.
+"""Tables of other kinds: long recordings, takeovers.
 
 Each `Table` holds what a user has, the options that read it, and the same demonstrations as someone makes them who
 knows their kind. In a clean table nobody is bad.
@@ -18,6 +18,9 @@ from worlds import Array, World
 
 RATE = 10.0
 """Steps a second."""
+
+LAW = np.array([-0.9, -0.6, 0.0])
+"""Of the policy that a person corrects: of the position, of the speed, and alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,34 @@ def long_recordings(seed: int, clean: bool = False) -> Table:
     )
 
 
+def takeovers(seed: int, clean: bool = False) -> Table:
+    """40 episodes of a policy that errs in stretches, subtly; mostly a person takes over a second later."""
+    rng = np.random.default_rng([35, seed])
+    rows, episodes, wrong = list[dict[str, object]](), [], list[bool]()
+    for e in range(40):
+        x, v, states, actions = float(rng.normal()), 0.0, [], []
+        begin = int(rng.integers(20, 60)) if not clean and rng.random() < 0.6 else 1000
+        end = begin + int(rng.integers(8, 14))
+        until = end + 20 if rng.random() < 0.8 else end
+        for t in range(100):
+            errs = begin <= t < end
+            action = float(
+                -0.9 * x - 0.6 * v + (0.5 if errs else 0.0) + (0.12 if end <= t < until else 0.25) * rng.normal()
+            )
+            rows.append(
+                {"episode": e, "step": t, "timestamp": t / RATE, "x": x, "v": v, "action": action}
+                | {"is_intervention": end <= t < until}
+            )
+            states.append([x, v])
+            actions.append([action])
+            wrong.append(errs)
+            v, x = 0.9 * v + 0.1 * action, x + 0.1 * v
+        episodes.append((np.array(states), np.array(actions)))
+    true = World.of(Demonstrations.from_episodes(episodes), np.ones(40))
+    return Table(table(rows), {}, true, bad_steps=np.array(wrong))
+
+
 KINDS: dict[str, Callable[..., Table]] = {
     "long recordings": long_recordings,
+    "takeovers": takeovers,
 }

@@ -1,4 +1,4 @@
-"""Weights of steps: whom a learner trusts, and P(good) for other trainings."""
+"""Weights of steps: whom a learner trusts, P(good) for other trainings, and where a person took over."""
 
 from __future__ import annotations
 
@@ -6,13 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
+from scipy.special import expit
 
 import rpil
 from audits import make_audit
+from episode_rows import N, T, episodes
 from hand_made import answers_of
 from problems import make
 from rpil.results.settings import AuditSettings
-from rpil.results.step_weights import of_demonstrations, weights_of
+from rpil.results.step_weights import balanced, of_demonstrations, takeover_signs, weights_of
 
 FOR_OTHERS = AuditSettings(weighs_for_learner=False)
 LENGTHS, PROBA = [3, 1, 4, 2, 5, 1], np.array([0.9, 0.8, 0.3, 0.2, 0.6, 0.4])
@@ -123,6 +126,40 @@ def test_a_named_adversary_weighs_each_step_by_p_expert():
     assert weights_of(replace(audit, step_log_ratio=np.empty(0))).size == 0
 
 
+def test_where_a_person_took_over_weights_move_within_demonstrations_and_keep_their_means():
+    signs = np.array([-1, 1, 1, 0, 0, 0, 0, 0, 0, -1, 0, 0, -1, 1, 0, 1], dtype=float)
+    found = np.split(weights_of(judged(anchor="named adversary", taken_over=signs)), np.cumsum(LENGTHS)[:-1])
+    for weight, mean, z in zip(found, PROBA, np.split(signs, np.cumsum(LENGTHS)[:-1]), strict=True):
+        own = np.full(len(z), mean)
+        if z.any():
+            b = brentq(lambda b, z=z: expit(2 * z + b).mean() - 0.5, -9, 9)
+            own = 2 * mean * expit(2 * z + b)
+        np.testing.assert_allclose(weight, own, rtol=1e-7)
+
+
+def test_balanced_weights_have_the_mean_one_half_and_the_odds_that_were_given():
+    lengths, rng = np.array([1, 7, 30]), np.random.default_rng(0)
+    log_odds = rng.normal(0, 3, size=38)
+    found = np.split(balanced(log_odds, lengths), np.cumsum(lengths)[:-1])
+    for proba, odds in zip(found, np.split(log_odds, np.cumsum(lengths)[:-1]), strict=True):
+        assert proba.mean() == pytest.approx(0.5, abs=1e-7)
+        np.testing.assert_allclose(np.diff(np.log(proba / (1 - proba))), np.diff(odds), atol=1e-6)
+
+
+@pytest.mark.parametrize(("fps", "n"), [(None, 10), (0.2, 1), (3.4, 3), (2.0, 2)])
+def test_a_second_before_a_person_took_over_counts_against_the_policy(fps, n):
+    flags, offsets = np.zeros(60, dtype=bool), np.array([0, 30, 60])
+    flags[[15, 16, 20, 30, 31, 33]] = True  # twice in the first one, and from the start of the second
+    first, second = takeover_signs(flags, offsets, fps)
+    expected = np.zeros(60)
+    for start, begin in ((15, 0), (20, 0), (33, 30)):
+        expected[max(start - n, begin) : start] = -1
+    expected[flags] = 1
+    np.testing.assert_array_equal(np.concatenate([first, second]), expected)
+    assert (len(first), len(second)) == (30, 30)
+    assert takeover_signs(None, offsets, fps) == takeover_signs(np.zeros(60, dtype=bool), offsets, fps) == ()
+
+
 @pytest.fixture(scope="module")
 def parted():
     """Nine that agree, and five of another policy."""
@@ -144,3 +181,50 @@ def test_a_learner_trusts_the_larger_of_two_parts_until_two_labels_turn_it(parte
     assert of_each(confirmed) == first.tolist()
     otherwise = parted.answered({"d0": "good", "d1": "bad"})  # by which nothing else is good or bad
     assert of_each(otherwise) == [1.0, 0.0, *first[2:]]
+
+
+def with_interventions(flags):
+    """Episodes with a column of flags, in which nothing else speaks of a person."""
+    return episodes(phase=None, is_human_intervention=np.tile(flags, N))
+
+
+TOOK_OVER = (np.arange(T) >= 15) & (np.arange(T) < 20)
+
+
+def test_a_person_who_takes_over_moves_the_weights_of_steps_and_no_verdict():
+    told, plain = rpil.audit(with_interventions(TOOK_OVER)), rpil.audit(episodes(phase=None))
+    assert (told.verdicts, told.finding) == (plain.verdicts, plain.finding)
+    np.testing.assert_array_equal(told.log_odds, plain.log_odds)
+    signs = np.zeros(T)
+    signs[5:15], signs[15:20] = -1, 1  # one second at ten steps a second
+    np.testing.assert_array_equal(told.taken_over, np.tile(signs, N))
+    assert f"A person took over in {N} of {N}" in told.notes[-1]
+    for audit, of_all in ((told, plain), (told.answered({"e0": "bad", "e1": "good"}), None)):
+        each = audit.step_weight.reshape(N, T)
+        assert (each[:, 5:15].max(axis=1) < each[:, :5].min(axis=1)).all()
+        assert (each[:, :5].max(axis=1) < each[:, 15:20].min(axis=1)).all()
+        mean = of_demonstrations(audit) if of_all is None else of_all.step_weight.reshape(N, T).mean(axis=1)
+        np.testing.assert_allclose(each.mean(axis=1), mean, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("flags", "is_known"),
+    [
+        (np.zeros(T, dtype=bool), False),  # nobody took over
+        (np.arange(T), False),  # amounts, which are observed
+        ((np.arange(T) > 10).astype(int), True),
+    ],
+)
+def test_which_columns_are_flags_of_interventions(flags, is_known):
+    table = with_interventions(flags)
+    assert (rpil.audit(table).taken_over is not None) == is_known
+    named = rpil.open(table, observations=["x", "is_human_intervention"])
+    assert named.interventions is None
+    assert named.demonstrations.n_observations == 2
+
+
+def test_a_policy_learns_from_what_a_person_did():
+    told = rpil.RPIL(random_state=0).fit(rpil.open(with_interventions(TOOK_OVER)))
+    plain = rpil.RPIL(random_state=0).fit(rpil.open(episodes(phase=None)))
+    x = np.zeros((1, 1))
+    assert told.predict(x) != plain.predict(x)

@@ -34,6 +34,7 @@ def full_audit() -> Audit:
             Demonstrator("ann", Interval(0.8, 0.5, 0.9), IDS[:5]),
             Demonstrator(3, Interval(0.4, 0.1, 0.9), IDS[5:]),
         ),
+        taken_over=rng.integers(-1, 2, 395).astype(float),
         contradicting=("d2",),
         doubts=("A doubt.",),
         notes=("A note.", "The two groups: differ."),

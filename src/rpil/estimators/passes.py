@@ -18,7 +18,7 @@ from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
 from rpil.results.evidence import StepEvidence, traces, worth_a_look
 from rpil.results.judged import Traces
-from rpil.results.step_weights import of_demonstrations
+from rpil.results.step_weights import of_demonstrations, weights_of
 from rpil.scale.fit import DesignMap, JudgedSample, WeightedMap, ascend, judge_everyone, policies_of_parts, score_block
 from rpil.scale.local import LocalEngine, gathered
 
@@ -72,6 +72,8 @@ class SampledFit(FullFit):
         parts = 1 + n_steps // options.settings.sample.block_steps
         weights = map(np.repeat, np.array_split(trust, parts), np.array_split(audit.lengths, parts))
         audit = replace(audit, step_log_ratio=decided.judgement.log_ratio, step_weight=gathered(weights, n_steps))
+        if audit.taken_over is not None:
+            audit = replace(audit, step_weight=weights_of(audit))
         decided = replace(decided, audit=audit)
         decided = replace(decided, audit=replace(audit, traces=self._traces(posed, decided, sample)))
         if not self.keeps_policy:

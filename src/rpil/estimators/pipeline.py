@@ -30,6 +30,7 @@ from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.results.evidence import by_held_out_policies, deviations, traces, worth_a_look
 from rpil.results.record import Audit, Interval
+from rpil.results.step_weights import weights_of
 from rpil.results.summary import audit_from_judgement, audit_from_mixture, parts_not_judged
 
 if TYPE_CHECKING:
@@ -208,6 +209,9 @@ class FullFit:
             )
         posed = self.pose()
         decided = self.decide(posed) if options.judges else decide_by_mixture(posed, options)
+        if self.task.taken_over is not None:
+            audit = replace(decided.audit, taken_over=self.task.taken_over)
+            decided = replace(decided, audit=replace(audit, step_weight=weights_of(audit)))
         options.progress("the policy" if self.keeps_policy else "the weights of the steps")
         return self.fit_policy(posed, decided)
 

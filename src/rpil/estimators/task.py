@@ -24,7 +24,7 @@ from rpil.data.spaces import Space, action_space, encode_actions
 from rpil.formats.columns import Names
 from rpil.formats.dataset import Dataset
 from rpil.inference.answers import Answers
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Float
 
 if TYPE_CHECKING:
     from rpil.policies.cross_fitted import IdentityMap
@@ -84,6 +84,8 @@ class Task:
     """The discrete actions, or an empty array."""
     answers: Answers
     demonstrators: Demonstrators
+    taken_over: Float[Array, " N"] | None = None
+    """See `rpil.results.record.Audit`."""
 
     @classmethod
     def of(

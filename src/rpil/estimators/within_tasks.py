@@ -26,6 +26,7 @@ from rpil.formats.recording import Recording
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
 from rpil.results.record import Audit
+from rpil.results.step_weights import takeover_signs
 from rpil.results.summary import assumption_sentences
 from rpil.results.tasks import first_of, join_audits
 
@@ -46,6 +47,8 @@ class Statements:
     """In messages."""
     reference: Recording | None = None
     """Demonstrations that are known to be good, and are judged beside the others."""
+    taken_over: tuple[Array, ...] = ()
+    """Of each demonstration, where a column says in which steps a person had taken over; see `Audit`."""
 
     @classmethod
     def of(
@@ -76,13 +79,16 @@ class Statements:
             named_by, demonstrators = demonstrators, read_demonstrators(demonstrators, recording)
         names = names_by_id(demonstrators, read.ids, named_by, ids)
         where = str(labels) if isinstance(labels, str | os.PathLike) else cls.answers_source
-        return cls(answers, names, facts.order, facts.sessions, where, reference)
+        taken_over = takeover_signs(recording.interventions, read.offsets, recording.description.fps)
+        return cls(answers, names, facts.order, facts.sessions, where, reference, taken_over)
 
     def select(self, rows: Sequence[int], ids: Iterable[Hashable]) -> Statements:
         """What is stated of the demonstrations at `rows`, which are called `ids`, and of pairs of them."""
         order = None if self.order is None else self.order[rows]
         names = {m: self.demonstrators[m] for m in map(str, ids) if m in self.demonstrators}
-        return replace(self, answers=self.answers.select(rows), demonstrators=names, order=order)
+        taken_over = tuple(self.taken_over[m] for m in rows) if self.taken_over else ()
+        answers = self.answers.select(rows)
+        return replace(self, answers=answers, demonstrators=names, order=order, taken_over=taken_over)
 
 
 def split_by_task(
@@ -113,7 +119,7 @@ def fit_within_tasks(
     demonstrations, places = recording.demonstrations, groups_of(recording, stated)
     if len(places) == 1:
         audit, fitted = _fit_group(demonstrations, stated, options, keeps_policy)
-        return replace(audit, sessions=stated.sessions, order=stated.order), [fitted]
+        return _with_facts(audit, recording, stated), [fitted]
     options, fits, audits = replace(options, engine=None), list[tuple[Task, FitResult]](), dict[str, Audit]()
     what = "sessions" if recording.options.session else "tasks"
     what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
@@ -131,7 +137,16 @@ def fit_within_tasks(
         told = np.repeat(stated.answers.said < 0, audit.lengths)  # bad, also in a task where nobody is called good
         weight = np.where(told, np.repeat(audit.expert_proba, audit.lengths), audit.step_weight)
         audit = replace(audit, step_weight=weight / weight.mean())
-    return replace(audit, sessions=stated.sessions, order=stated.order), fits
+    return _with_facts(audit, recording, stated), fits
+
+
+def _with_facts(audit: Audit, recording: Recording, stated: Statements) -> Audit:
+    """The audit of a recording, with what is stated of demonstrations and steps."""
+    if audit.taken_over is not None:
+        n = int((np.maximum.reduceat(audit.taken_over, audit.offsets[:-1]) > 0).sum())
+        told = f"A person took over in {n:,} of {len(audit.ids):,}: these steps weigh more, those just before less."
+        audit = replace(audit, notes=(*audit.notes, told))
+    return replace(audit, sessions=stated.sessions, order=stated.order)
 
 
 def _fit_group(
@@ -148,8 +163,10 @@ def _fit_group(
             outcomes[:, -k] = values
         labels = np.append(given.labels, np.ones(more, dtype=int))  # those of the reference are good
         answers = replace(given, labels=labels, outcomes=np.concatenate([given.outcomes, outcomes]))
-        stated = replace(stated, answers=answers, order=None)  # of two files none states one
+        stated = replace(stated, answers=answers, order=None, taken_over=())  # of two files none states these
     task = Task.of(demonstrations, options.action_box, stated.answers, stated.demonstrators or None)
+    if stated.taken_over:
+        task = replace(task, taken_over=np.concatenate(stated.taken_over))
     result = fit_task(task, options, keeps_policy)
     audit = result.audit if stated.reference is None else first_of(result.audit, ids)
     if stated.reference is None and n < MIN_DEMONSTRATIONS:

@@ -31,6 +31,7 @@ _ROLES: tuple[tuple[str, Sequence[re.Pattern[str]], tuple[Kind, ...]], ...] = (
     ("order", spellings.ORDER_COLUMNS, ("number", "time", "counter", "text")),
     ("operator", [spellings.OPERATOR], ("number", "text")),
     ("task", [spellings.TASK], ("number", "text")),
+    ("intervention", [spellings.INTERVENTION], ("number",)),
 )
 """The patterns of the names of the columns of a role, and their kinds; the first line in which there are any counts."""
 
@@ -124,6 +125,7 @@ class _Search:
             source=self.source,
             id_chosen=options.id is not None,
             made=() if episode in self.kinds or episode == default_id else (STRETCH,),
+            intervention=next(iter(self.named_as("intervention", {*observations})), None),
         )
 
     def take(self, *names: str) -> None:

@@ -126,6 +126,7 @@ class Columns:
     id_chosen: bool = False  # by the user, and not by its name
     made: tuple[str, ...] = ()  # columns that are not in the rows of the file yet
     id_written: bool = False  # ids are text, of which whole numbers are numbers
+    intervention: str | None = None  # a flag of the steps in which a person had taken over
 
     def without_observations(self, reasons: Mapping[str, str]) -> Columns:
         """The same, where some columns are no observations for the `reasons`, of which a time may give the order."""
@@ -148,7 +149,8 @@ class Columns:
     @property
     def all(self) -> list[str]:
         """All columns to read."""
-        named = [*(name for name in (self.operator, self.task) if name is not None), *self.facts]
+        ones = self.operator, self.task, self.intervention
+        named = [*(name for name in ones if name is not None), *self.facts]
         return self._there(*self.data, *self.orders, *self.index, *self.parts, *self.times, *named)
 
     def _there(self, *names: str) -> list[str]:

@@ -34,8 +34,8 @@ from rpil.formats.metadata import (
 from rpil.formats.places import find_places
 from rpil.formats.scan import Description, Scan, commas, left_out_lines, scan
 from rpil.formats.steps import ArrowFile, Steps
-from rpil.formats.table import end_to_end
-from rpil.numerics.types import Array
+from rpil.formats.table import end_to_end, numbers_or_missing
+from rpil.numerics.types import Array, Bool
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,6 +121,13 @@ class Recording:
         for m, value in pairs_of(self.steps, self.columns.task):
             found[m].append("" if value is None else names.get(str(value), str(value)))
         return {m: "; ".join(sorted(tasks)) for m, tasks in found.items()}  # several are one task together
+
+    @property
+    def interventions(self) -> Bool[Array, " N"] | None:
+        """Whether a person had taken over in each step; None where no column says it."""
+        name = self.columns.intervention
+        values = None if name is None else numbers_or_missing(self.steps.read([name])[name])
+        return None if values is None or not np.isin(values, (0, 1)).all() else np.asarray(values[:, 0] > 0)
 
     def times(self) -> Times:
         """What the file says of its own times and lengths."""

@@ -141,6 +141,7 @@ class Judged:
     anchor: Anchor = "none"
     sessions: tuple[str, ...] = field(default=(), metadata=TEXT | {"shown": "session"})
     order: Float[Array, " M"] | None = field(default=None, metadata=OF_EACH)
+    taken_over: Float[Array, " N"] | None = field(default=None, metadata=of_each("N"))
     traces: dict[Hashable, Traces] = field(default_factory=dict)
     own_reasons: tuple[str, ...] = field(default=(), metadata=TEXT | {"nothing": ALONE})
     rejected_by: tuple[str, ...] = field(default=(), metadata=TEXT)

@@ -96,6 +96,9 @@ class Audit(AuditResult):
         The session of each demonstration; empty where none are known, as in an audit that was read from a file.
     order : (M,) array or None
         The place of each demonstration in the order in which they were made, where that is stated; as `sessions`.
+    taken_over : (N,) array or None
+        1 in steps in which a person had taken over, -1 in those just before, else 0 (`rpil.results.step_weights`); None
+        where no column says it.
     traces : dict of id to Traces
         The parts of the action with most of the evidence, of up to 300 demonstrations (of each task) most worth a look
         (`rpil.results.judged`); as `sessions`.

@@ -4,22 +4,63 @@ For any training they are 1 until two answers contrast, one good or better and o
 demonstration, times what makes their mean over all steps 1. With a named adversary they are P(expert). Those of the
 learner, 1 or 0, say who is of the part that it trusts (`rpil.inference.two_parts`), also where labels and pairs call
 one part good and the other bad; where answers predict others in another way, they are P(good). A label, or a flag of 0,
-decides about its own demonstration.
+decides about its own demonstration. In all, where a person took over from a policy, weights move within a
+demonstration of weight W_m, with z_n = 1 in the steps of the person, -1 just before, else 0, and b_m such that their
+mean stays W_m:
+
+    w_n = 2 W_m sigmoid(2 z_n + b_m)
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import expit
 
-from rpil.numerics.types import Array, Float
+from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.results.judged import Judged
+
+TAKEOVER = 2.0
+"""Log-odds by which a step of a person weighs more, and one just before less; chosen by benchmarks/sequences.py."""
+
+_BISECTIONS = 30
+"""Halvings of an interval of 4 nats: to 4e-9 nats."""
 
 
 def weights_of(audit: Judged) -> Float[Array, " N"]:
     """The weights of the steps of an audit; empty where steps are not kept."""
     if not len(audit.step_log_ratio):
         return audit.step_log_ratio
-    return np.repeat(of_demonstrations(audit), audit.lengths)
+    weight = np.repeat(of_demonstrations(audit), audit.lengths)
+    if audit.taken_over is None:
+        return weight
+    told = np.repeat(np.maximum.reduceat(np.abs(audit.taken_over), audit.offsets[:-1]) > 0, audit.lengths)
+    return np.where(told, 2 * weight * balanced(TAKEOVER * audit.taken_over, audit.lengths), weight)
+
+
+def balanced(log_odds: Float[Array, " N"], lengths: Int[Array, " M"]) -> Float[Array, " N"]:
+    """sigmoid(`log_odds` + b_m), with b_m by bisection such that its mean over each demonstration is 1/2."""
+    first = np.cumsum(lengths) - lengths
+    low, high = -np.maximum.reduceat(log_odds, first), -np.minimum.reduceat(log_odds, first)
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        mean = np.add.reduceat(expit(log_odds + np.repeat(middle, lengths)), first) / lengths
+        low, high = np.where(mean < 0.5, middle, low), np.where(mean < 0.5, high, middle)
+    return np.asarray(expit(log_odds + np.repeat((low + high) / 2, lengths)))
+
+
+def takeover_signs(
+    flags: Bool[Array, " N"] | None, offsets: Int[Array, " _"], fps: float | None
+) -> tuple[Float[Array, " T"], ...]:
+    """z_n in each demonstration: 1 where a person had taken over, by the `flags`; -1 in the second before, or ten
+    steps; else 0. Nothing where nobody took over."""
+    if flags is None or not flags.any():
+        return ()
+    signs, begins, n_before = flags.astype(float), np.repeat(offsets[:-1], np.diff(offsets)), max(round(fps or 10), 1)
+    starts = np.flatnonzero(flags & ~np.append(False, flags[:-1]))
+    for n in starts[starts > begins[starts]].tolist():
+        first = max(n - n_before, int(begins[n]))
+        signs[first:n] = np.where(flags[first:n], 1.0, -1.0)
+    return tuple(np.split(signs, offsets[1:-1]))
 
 
 def of_demonstrations(audit: Judged) -> Float[Array, " M"]:
