@@ -171,6 +171,18 @@ def runs_of(changed: Bool[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Arr
     return np.diff(starts, append=changed.size), starts, np.searchsorted(starts, first.ravel())
 
 
+def spans(rows: Bool[Array, " n"]) -> list[tuple[int, int]]:
+    """The first row of each run of True, and the one after its last."""
+    edges = np.flatnonzero(np.diff(rows, prepend=False, append=False)).tolist()
+    return [*zip(edges[::2], edges[1::2], strict=True)]
+
+
+def window_means(values: Float[Array, "C n"], width: int) -> Float[Array, "C m"]:
+    """The mean over `width` rows from each row on."""
+    total = np.cumsum(np.pad(values, ((0, 0), (1, 0))), axis=1)
+    return np.asarray((total[:, width:] - total[:, :-width]) / width)
+
+
 def resting_runs(block: MovingBlock) -> tuple[Int[Array, " M"], ...]:
     """Steps at rest at the beginning and at the end of each demonstration, and the first step and the length of its
     longest rest between. The means over W steps and over the next W lie within four standard deviations, and a share
@@ -183,14 +195,12 @@ def resting_runs(block: MovingBlock) -> tuple[Int[Array, " M"], ...]:
     if not tells.any() or block.values.shape[1] <= 2 * w:
         return head, tail, first, longest
     band = band[tells, None]
-    total = np.cumsum(np.pad(block.values[tells], ((0, 0), (1, 0))), axis=1)
-    means = (total[:, w:] - total[:, :-w]) / w  # of steps t to t + w - 1
+    means = window_means(block.values[tells], w)  # of steps t to t + w - 1
     rests = (np.abs(means[:, w:] - means[:, :-w]) <= band).all(axis=0)
     for m, (begin, end) in enumerate(itertools.pairwise(block.offsets.tolist())):
         if end - begin <= 2 * w:
             continue
-        edges = np.flatnonzero(np.diff(rests[begin : end - 2 * w + 1], prepend=False, append=False))
-        for a, b in edges.reshape(-1, 2).tolist():
+        for a, b in spans(rests[begin : end - 2 * w + 1]):
             n = b - a + 2 * w - 1
             if (np.abs(means[:, begin + a + n - w] - means[:, begin + a]) > 2.0 * band[:, 0]).any():
                 continue  # it creeps
