@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from rpil.results.choice import Asked, Choice
     from rpil.results.html.page import About
     from rpil.results.record import Audit
+    from rpil.segments.ranges import Ranges
+    from rpil.segments.table import Segments
 
 
 _OF_STREAMS = errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF  # of stdout and stderr, without a name
@@ -134,6 +136,9 @@ class AuditRun:
     faults: FaultReport | None = None
     asked: Asked | None = None
     """What the user says of which demonstrations to keep."""
+    idle: str = "keep"
+    pattern: str = "{id}"
+    """Which idle rows to keep, and the pattern of keys; see ``--ranges``."""
 
     @cached_property
     def choice(self) -> Choice:
@@ -141,6 +146,31 @@ class AuditRun:
         from rpil.results.choice import Asked, choose
 
         return choose(self.audit.table(), self.asked or Asked())
+
+    @cached_property
+    def ranges(self) -> Ranges:
+        """The rows to keep."""
+        from rpil.segments.idle import idle_rows
+
+        if self.idle == "keep":
+            return self.audit.ranges(kept=self.choice.kept)
+        dropped = idle_rows(self.recording.demonstrations, "openpi" if self.idle == "openpi" else "rest")
+        return self.audit.ranges(dropped, self.choice.kept)
+
+    def keys(self) -> list[str]:
+        """The keys of the ranges."""
+        from rpil.formats import read_demonstrators, read_recording
+        from rpil.segments.ranges import columns_of, keys_of
+
+        own = self.recording.options
+        named = {name: replace(own, operator=name) for name in columns_of(self.pattern) if name != "id"}
+        values = {name: read_demonstrators(name, read_recording(self.source, one)) for name, one in named.items()}
+        return keys_of(self.pattern, [*self.ranges], values)
+
+    @cached_property
+    def segments(self) -> Segments:
+        """Where in the demonstrations something is."""
+        return self.audit.segments(self.recording.demonstrations)
 
     @cached_property
     def lost(self) -> tuple[str, ...]:
@@ -190,7 +220,7 @@ def look_for_faults(
     return check(recording if reads else replace(recording, find_defects=None), video=looks, skip_bad=skip_bad)
 
 
-OUTPUTS = ("weights", "verdicts", "keep", "report", "annotate")
+OUTPUTS = ("weights", "verdicts", "keep", "ranges", "segments", "report", "annotate")
 """The options that name these files, in the order in which they are written."""
 
 
@@ -200,10 +230,11 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: Stag
     for title, path in ((title, paths[title]) for title in OUTPUTS):
         if path is None:
             continue
-        from rpil.formats import write_weights
+        from rpil.formats import write_columns, write_weights
         from rpil.formats.registry import find
         from rpil.results.choice import write_kept, write_verdicts
         from rpil.results.html.page import write_page
+        from rpil.segments.ranges import segment_columns, write_ranges
 
         progress(f"writing {path}")
         if title == "weights":
@@ -219,6 +250,10 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: Stag
             write_kept(path, audit, run.choice)
             if not run.choice.kept:
                 warnings.warn(f"{path}: it lists no demonstration, because all are rejected.", stacklevel=1)
+        elif title == "ranges":
+            write_ranges(path, dict(zip(run.keys(), run.ranges.values(), strict=True)))
+        elif title == "segments":
+            write_columns(path, segment_columns(run.segments, audit.ids, audit.fps), "segments")
         elif title == "report":
             write_page(path, audit, about(run))
         else:
@@ -260,6 +295,9 @@ def lines_after_output(title: str, path: str, run: AuditRun) -> list[str]:
         return [f"For LeRobot: LeRobotDataset({Path(path).name!r}, root={path!r}, {keeps})"]
     if title == "weights":
         return [*find(run.source).format.notes_on_weights]
+    if title == "ranges":
+        n_rows = sum(last - first for own in run.ranges.values() for first, last in own)
+        return [f"{n_rows:,} of {run.audit.offsets[-1]:,} rows kept, of {len(run.ranges):,} demonstrations."]
     every, ids = run.recording.ids or run.audit.ids, run.choice.kept if title == "keep" else ()
     lines = []
     if title == "keep":

@@ -279,3 +279,9 @@ def check_finite(
         "repair the value, leave the demonstration out, or read with <option>.",
         "skip_bad",
     )
+
+
+def spans(rows: Bool[Array, " n"]) -> list[tuple[int, int]]:
+    """The first row of each run of True, and the one after its last."""
+    edges = np.flatnonzero(np.diff(rows, prepend=False, append=False)).tolist()
+    return [*zip(edges[::2], edges[1::2], strict=True)]

@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from rpil.data.arrays import spans
 from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock, not_recorded, ranges_and_zeros
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
@@ -169,12 +170,6 @@ def runs_of(changed: Bool[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Arr
     starts = np.flatnonzero(changed)
     first = np.arange(len(changed))[:, None] * changed.shape[1] + offsets[:-1]
     return np.diff(starts, append=changed.size), starts, np.searchsorted(starts, first.ravel())
-
-
-def spans(rows: Bool[Array, " n"]) -> list[tuple[int, int]]:
-    """The first row of each run of True, and the one after its last."""
-    edges = np.flatnonzero(np.diff(rows, prepend=False, append=False)).tolist()
-    return [*zip(edges[::2], edges[1::2], strict=True)]
 
 
 def window_means(values: Float[Array, "C n"], width: int) -> Float[Array, "C m"]:

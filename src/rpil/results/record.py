@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from rpil.data.arrays import Id, spans
+from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
+from rpil.numerics.types import Array, Bool
 from rpil.results.answering import looking_order
 from rpil.results.judged import Demonstrator, Interval
 from rpil.results.overview import overview_html, overview_text
 from rpil.results.result import AuditResult
 
 if TYPE_CHECKING:
+    from rpil.data.demonstrations import Demonstrations
+    from rpil.formats.dataset import Dataset
     from rpil.results.choice import Choice
     from rpil.results.plots import AuditPlots
+    from rpil.segments.table import Segments
 
 TITLE, IN_MEMORY = "Audit of demonstrations", "in memory"
 """The title of a page, and the name of data that have no other."""
@@ -130,6 +139,36 @@ class Audit(AuditResult):
         from rpil.results.choice import choose
 
         return choose(self.table())
+
+    def ranges(self, dropped: Bool[Array, " N"] | None = None, kept: Iterable[Id] | None = None) -> dict[Id, list[tuple[int, int]]]:
+        """Rows to keep, half-open ranges of each demonstration: all rows but those that an answer calls bad.
+
+        Parameters
+        ----------
+        dropped : (N,) array of bool, optional
+            Rows to leave out as well, such as ``rpil.idle_rows(demonstrations)``.
+        kept : iterable of ids, optional
+            The demonstrations to keep; by default those of `choice`.
+
+        Raises
+        ------
+        DataError
+            If an id is unknown, or `dropped` has not a truth for each step.
+        """
+        rows = ~self.answers.bad_rows(self.offsets)
+        if dropped is not None:
+            if np.shape(dropped) != rows.shape or np.asarray(dropped).dtype != bool:
+                raise DataError(f"dropped must hold True or False for each of the {len(rows):,} steps of this audit.")
+            rows &= ~np.asarray(dropped)
+        return {name: spans(rows[self.steps(self.index(name))]) for name in (self.choice.kept if kept is None else kept)}
+
+    def segments(self, demonstrations: Demonstrations | Dataset) -> Segments:
+        """Where in its `demonstrations` something is: acts, idle rows, takeovers, with scores and reasons."""
+        from rpil.segments.find import find_segments
+
+        if demonstrations.ids != self.ids or not np.array_equal(demonstrations.offsets, self.offsets):
+            raise DataError(f"{demonstrations.source}: these are not the demonstrations of the audit; give those.")
+        return find_segments(demonstrations, self.step_log_ratio, self.taken_over, self.answers.marks)
 
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
         """A data frame with a row for each demonstration, in the order of looking: the first to look at first.

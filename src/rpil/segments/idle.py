@@ -6,12 +6,13 @@ from typing import Literal
 
 import numpy as np
 
+from rpil.data.arrays import spans
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError
 from rpil.faults import settings
 from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, pilot
 from rpil.faults.rule import Learned
-from rpil.faults.still import spans, window_means
+from rpil.faults.still import window_means
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Bool, Float, Int
 
