@@ -280,6 +280,7 @@ def about(run: AuditRun) -> About:
         table=set_table(run.recording, run.faults, Path(source).name) if run.faults else None,
         tasks=run.recording.tasks,
         demonstrators=run.demonstrators,
+        segments=run.segments,
         lerobot=lerobot,
         hub=hub[1] if hub and lerobot else "",
     )

@@ -119,7 +119,10 @@ class Review:
             raise DataError(f"A note is no text of {MAX_NOTE} characters at most; shorten it.")
         if note.strip():
             check_text(note.strip(), "the note", "the answer")
-        self.session.answer(question, given["key"], note.strip())
+        rows = given.get("rows") or []
+        if not isinstance(rows, list) or (rows and (len(rows) != 2 or len(question) != 1 or given["key"] not in "gb")):
+            raise DataError("These are no rows of a demonstration that are good or bad; reload the page.")
+        self.session.answer(question, given["key"], note.strip(), *rows)
         return {}
 
     def undo(self, given: Mapping[str, Parsed]) -> View:
