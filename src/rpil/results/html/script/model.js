@@ -38,15 +38,15 @@ const makeModel = (view) => {
   };
   // Rows that are good or bad: [demonstration, first, the one after the last, word].
   const own = makeStore(`rpil-rows-${view.run}`), stored = live ? null : own.read().rows;
-  let rows = Array.isArray(stored) ? stored : view.rows;
+  let spans = Array.isArray(stored) ? stored : view.rows;
   const putRows = (given) => {
-    rows = given;
-    own.write({ rows });
+    spans = given;
+    own.write({ rows: spans });
   };
   const mark = (m, word, start, end) => {
-    past.push([m, marks.get(m), rows]);
+    past.push([m, marks.get(m), spans]);
     if (start === undefined) put(m, word);
-    else putRows([...rows.filter((row) => row[0] !== m || row[2] <= start || row[1] >= end), ...(word ? [[m, start, end, word]] : [])]);
+    else putRows([...spans.filter((row) => row[0] !== m || row[2] <= start || row[1] >= end), ...(word ? [[m, start, end, word]] : [])]);
   };
   const undo = () => {
     const [m, word, before] = past.pop() ?? [];
@@ -104,7 +104,7 @@ const makeModel = (view) => {
   const labels = () => {
     const given = view.answers.filter(([m, word]) => !(marks.has(m) && MARKS.includes(word)));
     const own = [...marks].sort(([a], [b]) => a - b);
-    const more = rows.length ? "," : "", lines = rows.map(([m, start, end, word]) => `${cell(d.id[m])},${word},${start},${end}`);
+    const more = spans.length ? "," : "", lines = spans.map(([m, start, end, word]) => `${cell(d.id[m])},${word},${start},${end}`);
     return [`id,label${more && ",start,end"}`, ...[...given, ...own].map(([m, word]) => `${cell(d.id[m])},${cell(word)}${more && ",,"}`), ...lines, ""].join("\n");
   };
   const keep = () => {
@@ -117,7 +117,7 @@ const makeModel = (view) => {
 
   const seconds = (step) => (view.fps ? `${(step / view.fps).toFixed(1)} s` : "");
   return {
-    view, d, size, names, faults, rules, found, order, marks, rows: () => rows, mark, undo, dimensions, state, rows, labels, keep, seconds,
+    view, d, size, names, faults, rules, found, order, marks, spans: () => spans, mark, undo, dimensions, state, rows, labels, keep, seconds,
     // What the audit thinks of a demonstration is withheld while the question about it is open.
     isOpen: (m) => Boolean(live?.isAsked(m)),
     lasts: store.lasts, side: (m) => view.sides[d.verdict[m]], canUndo: () => past.length > 0,
