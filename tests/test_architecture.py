@@ -1,4 +1,4 @@
-"""Twelve rooms, imports one way, no circle between files, short files, no pickle: docs/architecture.md says why."""
+"""Thirteen rooms, imports one way, no circle between files, short files, no pickle: docs/architecture.md says why."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ ROOMS = {
     "policies": {"numerics", "data"},
     "mixture": {"numerics", "data", "policies"},
     "inference": {"numerics", "data", "policies", "mixture"},
-    "results": {"numerics", "data", "formats", "faults", "policies", "mixture", "inference"},
+    "segments": {"numerics", "data", "formats", "faults", "inference"},
+    "results": {"numerics", "data", "formats", "faults", "policies", "mixture", "inference", "segments"},
     "scale": {"numerics", "data", "policies", "mixture", "inference", "results"},
     "estimators": {"numerics", "data", "formats", "policies", "mixture", "inference", "results", "scale"},
     "simulation": {"numerics", "data"},

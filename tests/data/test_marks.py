@@ -18,7 +18,9 @@ def marks_of(rows):
 
 def test_rows_and_demonstrations_stand_in_one_file(tmp_path):
     path = tmp_path / "labels.csv"
-    path.write_text('id,label,start,end\n"a, b",bad,5,9\n4,good,,\n"say ""x""",GOOD, 0 , 30.0\né\u2028z,bad,1,2\n9,bad,1,2\n')
+    path.write_text(
+        'id,label,start,end\n"a, b",bad,5,9\n4,good,,\n"say ""x""",GOOD, 0 , 30.0\né\u2028z,bad,1,2\n9,bad,1,2\n'
+    )
     rows = read_answer_rows(path, IDS)
     assert marks_of(rows).tolist() == [[0, 5, 9, -1], [1, 0, 30, 1], [2, 1, 2, -1]]
     assert read_answers(path, IDS) == ({"4": "good"}, {})
@@ -26,8 +28,11 @@ def test_rows_and_demonstrations_stand_in_one_file(tmp_path):
 
 @pytest.mark.parametrize(
     ("start", "end"),
-    [("5", "5"), ("9", "5"), ("-1", "5"), ("5", "21"), ("5", ""), ("", "5"), ("nan", "5"), ("1e3", "5"), ("0x1", "5")]
-    + [("0", "9" * 400), ("1.5", "3"), ("٣", "9"), (None, 5), (float("nan"), 5), (True, 5), (0, float("inf"))],
+    [
+        *(("5", "5"), ("9", "5"), ("-1", "5"), ("5", "21"), ("5", ""), ("", "5"), ("nan", "5"), ("1e3", "5")),
+        *(("0x1", "5"), ("0", "9" * 400), ("1.5", "3"), ("٣", "9"), (None, 5), (float("nan"), 5), (True, 5)),
+        (0, float("inf")),
+    ],
 )
 def test_rows_that_are_none_are_refused_in_one_sentence(start, end):
     with pytest.raises(DataError, match=r"labels.csv, demonstration 'a, b', rows .* 0 <= start < end <= 20; correct"):
@@ -78,7 +83,9 @@ def test_bad_rows_weigh_nothing_and_change_no_verdict():
     np.testing.assert_allclose(later.step_weight, marked.step_weight)
     both = rpil.audit(data, labels={("r3", 5, 15): "bad", "r3": "good", "r1": "bad"})
     assert not both.step_weight[rows].any()
-    np.testing.assert_allclose(plain.answered({"r3": "good", "r1": "bad", ("r3", 5, 15): "bad"}).step_weight, both.step_weight)
+    np.testing.assert_allclose(
+        plain.answered({"r3": "good", "r1": "bad", ("r3", 5, 15): "bad"}).step_weight, both.step_weight
+    )
     assert not len(later.answered({"r3": "good"}, instead=True).answers.marks)
     with pytest.raises(DataError, match="no demonstration is called 'r99'"):
         plain.answered({("r99", 5, 15): "bad"})

@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import click
 from click.core import ParameterSource
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from rpil.results.choice import Asked, Choice
     from rpil.results.html.page import About
     from rpil.results.record import Audit
-    from rpil.segments.ranges import Ranges
     from rpil.segments.table import Segments
 
 
@@ -148,24 +147,23 @@ class AuditRun:
         return choose(self.audit.table(), self.asked or Asked())
 
     @cached_property
-    def ranges(self) -> Ranges:
-        """The rows to keep."""
-        from rpil.segments.idle import idle_rows
-
-        if self.idle == "keep":
-            return self.audit.ranges(kept=self.choice.kept)
-        dropped = idle_rows(self.recording.demonstrations, "openpi" if self.idle == "openpi" else "rest")
-        return self.audit.ranges(dropped, self.choice.kept)
-
-    def keys(self) -> list[str]:
-        """The keys of the ranges."""
+    def ranges(self) -> dict[str, list[tuple[int, int]]]:
+        """The rows to keep, by the keys of the pattern."""
         from rpil.formats import read_demonstrators, read_recording
-        from rpil.segments.ranges import columns_of, keys_of
+        from rpil.segments.idle import idle_rows
+        from rpil.segments.ranges import keys_of
 
-        own = self.recording.options
-        named = {name: replace(own, operator=name) for name in columns_of(self.pattern) if name != "id"}
-        values = {name: read_demonstrators(name, read_recording(self.source, one)) for name, one in named.items()}
-        return keys_of(self.pattern, [*self.ranges], values)
+        data, options = self.recording.demonstrations, self.recording.options
+        rule: Literal["rest", "openpi"] = "openpi" if self.idle == "openpi" else "rest"
+        kept = self.audit.ranges(None if self.idle == "keep" else idle_rows(data, rule), self.choice.kept)
+
+        def column(name: str) -> dict[str, str]:
+            try:
+                return read_demonstrators(name, read_recording(self.source, replace(options, operator=name)))
+            except DataError as error:
+                raise DataError(error.in_shell.replace("--operator", "--ranges-id")) from error
+
+        return dict(zip(keys_of(self.pattern, kept, column), kept.values(), strict=True))
 
     @cached_property
     def segments(self) -> Segments:
@@ -220,7 +218,7 @@ def look_for_faults(
     return check(recording if reads else replace(recording, find_defects=None), video=looks, skip_bad=skip_bad)
 
 
-OUTPUTS = ("weights", "verdicts", "keep", "ranges", "segments", "report", "annotate")
+OUTPUTS = ("ranges", "segments", "weights", "verdicts", "keep", "report", "annotate")
 """The options that name these files, in the order in which they are written."""
 
 
@@ -232,9 +230,9 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: Stag
             continue
         from rpil.formats import write_columns, write_weights
         from rpil.formats.registry import find
-        from rpil.results.choice import write_kept, write_verdicts
+        from rpil.results.choice import file_ids, write_kept, write_verdicts
         from rpil.results.html.page import write_page
-        from rpil.segments.ranges import segment_columns, write_ranges
+        from rpil.segments.ranges import segment_columns, subtask_columns, write_ranges
 
         progress(f"writing {path}")
         if title == "weights":
@@ -251,16 +249,16 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: Stag
             if not run.choice.kept:
                 warnings.warn(f"{path}: it lists no demonstration, because all are rejected.", stacklevel=1)
         elif title == "ranges":
-            write_ranges(path, dict(zip(run.keys(), run.ranges.values(), strict=True)))
+            write_ranges(path, run.ranges)
         elif title == "segments":
-            write_columns(path, segment_columns(run.segments, audit.ids, audit.fps), "segments")
+            write_columns(path, segment_columns(run.segments, file_ids(audit.ids), audit.fps), "segments")
         elif title == "report":
             write_page(path, audit, about(run))
         else:
             table, names = audit.table(), {"verdict": "verdict", "score": "log_odds", "rejected_by": "rejected_by"}
             ids = [*map(str, audit.ids)]
             rows = {f"rpil/{name}": dict(zip(ids, table[own], strict=True)) for name, own in names.items()}
-            find(run.source).annotate(path, rows)
+            find(run.source).annotate(path, rows | subtask_columns(run.segments, ids))
 
 
 def about(run: AuditRun) -> About:

@@ -202,7 +202,9 @@ SEGMENT_OPTIONS = (
         show_default=True,
         help="Of --ranges: drop the rows in which nothing moves, or those that openpi drops from DROID.",
     ),
-    click.option("--ranges-id", metavar="PATTERN", help="Of --ranges: the key of each, as '{folder}--{file}' by columns."),
+    click.option(
+        "--ranges-id", metavar="PATTERN", help="Of --ranges: the key of each, as '{folder}--{file}' by columns."
+    ),
     click.option(
         "--segments",
         type=OutputFile(".parquet", ".csv", ".json"),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpil.data.errors import DataError
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Bool
 
 Id = int | str
 """Of a demonstration: whole numbers for all of them, or text for all of them."""

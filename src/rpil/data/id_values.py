@@ -110,7 +110,9 @@ def parse_marks(
         m, place = number[row.id], f"{source}, demonstration {row.id!r}, rows {row.start!s:.40} to {row.end!s:.40}"
         start, end = (int(float(str(one))) if _WHOLE.fullmatch(str(one)) else -1 for one in (row.start, row.end))
         if not 0 <= start < end <= lengths[m]:
-            raise DataError(f"{place}: start and end must be whole, and 0 <= start < end <= {lengths[m]}; correct them.")
+            raise DataError(
+                f"{place}: start and end must be whole, and 0 <= start < end <= {lengths[m]}; correct them."
+            )
         if (label := _LABELS.get(str(row.label).strip().lower())) is None:
             raise DataError(f"{place}: unknown label {quoted([row.label])}; write 'good' or 'bad'.")
         sign = 1 if label == "good" else -1
@@ -173,8 +175,8 @@ def write_answers(
     """Write a CSV file that `read_answers` reads with these `ids`: what it held `before`, and these answers.
 
     A label replaces the old one of the demonstration, or of the same rows of it. All other rows keep their cells, and
-    the file its columns; note, start and end are added to them once an answer has one. A `DataError` where it cannot be written; a file that was there is then as
-    it was.
+    the file its columns; note, start and end are added to them once an answer has one. A `DataError` where it cannot be
+    written; a file that was there is then as it was.
     """
     old = before or b"id,label\n"
     encoding, known = "utf-8-sig" if old.startswith(BOM_UTF8) else "utf-8", {*map(str, ids)}

@@ -66,8 +66,8 @@ def answers_of(
     signs = label_codes({name: label for name, label in by_id.items() if name in chosen}, read)
     given = {} if outcome is None else by_name(outcome)
     outcomes = [given_outcome(one, read, demonstrations.source, every) for one in given.values()]
-    outcomes = np.column_stack([np.empty((len(read), 0)), *outcomes])
-    return Answers(signs, better, outcomes, tied, tuple(given), marks=marks)
+    known = np.column_stack([np.empty((len(read), 0)), *outcomes])
+    return Answers(signs, better, known, tied, tuple(given), marks=marks)
 
 
 def by_name(outcome: Outcome | Names) -> dict[str, Outcome | str]:

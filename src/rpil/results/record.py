@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from rpil.data.arrays import Id, spans
+from rpil.data.arrays import spans
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
-from rpil.numerics.types import Array, Bool
 from rpil.results.answering import looking_order
 from rpil.results.judged import Demonstrator, Interval
 from rpil.results.overview import overview_html, overview_text
@@ -140,27 +140,19 @@ class Audit(AuditResult):
 
         return choose(self.table())
 
-    def ranges(self, dropped: Bool[Array, " N"] | None = None, kept: Iterable[Id] | None = None) -> dict[Id, list[tuple[int, int]]]:
-        """Rows to keep, half-open ranges of each demonstration: all rows but those that an answer calls bad.
-
-        Parameters
-        ----------
-        dropped : (N,) array of bool, optional
-            Rows to leave out as well, such as ``rpil.idle_rows(demonstrations)``.
-        kept : iterable of ids, optional
-            The demonstrations to keep; by default those of `choice`.
-
-        Raises
-        ------
-        DataError
-            If an id is unknown, or `dropped` has not a truth for each step.
-        """
+    def ranges(
+        self, dropped: ArrayLike | None = None, kept: Iterable[Hashable] | None = None
+    ) -> dict[Hashable, list[tuple[int, int]]]:
+        """Half-open ranges of rows to keep, of the demonstrations `kept`, by default those of `choice`: all rows but
+        those that an answer calls bad, and the `dropped` ones, such as ``rpil.idle_rows(demonstrations)``."""
         rows = ~self.answers.bad_rows(self.offsets)
         if dropped is not None:
             if np.shape(dropped) != rows.shape or np.asarray(dropped).dtype != bool:
                 raise DataError(f"dropped must hold True or False for each of the {len(rows):,} steps of this audit.")
             rows &= ~np.asarray(dropped)
-        return {name: spans(rows[self.steps(self.index(name))]) for name in (self.choice.kept if kept is None else kept)}
+        return {
+            name: spans(rows[self.steps(self.index(name))]) for name in (self.choice.kept if kept is None else kept)
+        }
 
     def segments(self, demonstrations: Demonstrations | Dataset) -> Segments:
         """Where in its `demonstrations` something is: acts, idle rows, takeovers, with scores and reasons."""

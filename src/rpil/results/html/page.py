@@ -118,7 +118,9 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         "n_review": n_review,
         "faults": _faults(places, about.faults),
         "segments": _segments(about.segments),
-        "rows": [[m, first, last, "good" if sign > 0 else "bad"] for m, first, last, sign in audit.answers.marks.tolist()],
+        "rows": [
+            [m, first, last, "good" if sign > 0 else "bad"] for m, first, last, sign in audit.answers.marks.tolist()
+        ],
         "fps": audit.fps,
         "lerobot": about.lerobot,
         "hub": about.hub,
