@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -72,7 +74,7 @@ def openpi_ranges(velocity):
     """By the description: steps that differ by less than .001 from the one before are idle; 7 or more of them in a row
     are left out, what is left in fewer than 16 in a row too, and the last 10 steps of each range."""
     idle, kept, ranges = [False], [True] * len(velocity), []
-    for before, now in zip(velocity[:-1], velocity[1:], strict=True):
+    for before, now in pairwise(velocity):
         idle.append(all(abs(a - b) < 1e-3 for a, b in zip(before, now, strict=True)))
     for wanted, least in ((idle, 7), (kept, 16)):
         start = 0

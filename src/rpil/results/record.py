@@ -150,9 +150,8 @@ class Audit(AuditResult):
             if np.shape(dropped) != rows.shape or np.asarray(dropped).dtype != bool:
                 raise DataError(f"dropped must hold True or False for each of the {len(rows):,} steps of this audit.")
             rows &= ~np.asarray(dropped)
-        return {
-            name: spans(rows[self.steps(self.index(name))]) for name in (self.choice.kept if kept is None else kept)
-        }
+        names = self.choice.kept if kept is None else kept
+        return {name: spans(rows[self.steps(self.index(name))]) for name in names}
 
     def segments(self, demonstrations: Demonstrations | Dataset) -> Segments:
         """Where in its `demonstrations` something is: acts, idle rows, takeovers, with scores and reasons."""
