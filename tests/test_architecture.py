@@ -84,10 +84,10 @@ def breaches(imports: dict[str, set[str]]) -> list[str]:
     return sorted(found)
 
 
-def test_the_top_holds_twelve_rooms():
+def test_the_top_holds_thirteen_rooms():
     entries = {path.name for path in ROOT.iterdir()} - {"__pycache__"}
     assert entries == {*ROOMS, "__init__.py", "__main__.py", "py.typed"}
-    assert len(ROOMS) <= 12
+    assert len(ROOMS) <= 13
     for room in ROOMS:
         assert ast.get_docstring(ast.parse((ROOT / room / "__init__.py").read_text())), room
 
@@ -167,6 +167,7 @@ WITHOUT_TESTS = {
     "faults/motion.py": "tests/faults/test_every_rule.py",
     "faults/recorded.py": "tests/faults/test_frame_times.py",
     "faults/whole_rules.py": "tests/faults/test_every_rule.py",
+    "segments/table.py": "values alone",
     "results/settings.py": "values alone; the file that uses them is tested",
     "inference/settings.py": "values alone",
     "policies/settings.py": "tests/estimators/test_settings.py",
