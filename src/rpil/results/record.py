@@ -159,7 +159,9 @@ class Audit(AuditResult):
 
         if demonstrations.ids != self.ids or not np.array_equal(demonstrations.offsets, self.offsets):
             raise DataError(f"{demonstrations.source}: these are not the demonstrations of the audit; give those.")
-        return find_segments(demonstrations, self.step_log_ratio, self.taken_over, self.answers.marks)
+        marks = [(m, first, last, sign > 0) for m, first, last, sign in self.answers.marks.tolist()]
+        takeover = None if self.taken_over is None else self.taken_over > 0
+        return find_segments(demonstrations.select(slice(None)), self.step_log_ratio, takeover, marks)
 
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
         """A data frame with a row for each demonstration, in the order of looking: the first to look at first.
