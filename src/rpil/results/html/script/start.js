@@ -9,7 +9,7 @@ const start = (article, before = null) => {
   let chosen = null, axis = null, step = 0;
   article.querySelector(".work").hidden = false;
 
-  const choose = (m, show = true, at = 0) => {
+  const choose = (m, show = true, at = (!model.isOpen(m) && view.segments[m]?.find(([, , , why]) => why)?.[0]) || 0) => {
     [chosen, step] = [m, at];
     table.select(m, show);
     detail.show(m);
