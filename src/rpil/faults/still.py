@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
+from rpil.data.arrays import spans
 from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock, not_recorded, ranges_and_zeros
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
@@ -171,6 +173,33 @@ def runs_of(changed: Bool[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Arr
     return np.diff(starts, append=changed.size), starts, np.searchsorted(starts, first.ravel())
 
 
+def window_means(values: Float[Array, "C n"], width: int) -> Float[Array, "C m"]:
+    """The mean over `width` rows from each row on."""
+    total = np.cumsum(np.pad(values, ((0, 0), (1, 0))), axis=1)
+    return np.asarray((total[:, width:] - total[:, :-width]) / width)
+
+
+def long_runs(rows: Bool[Array, " n"], least: int) -> Bool[Array, " n"]:
+    """The rows without those of runs of fewer than `least`."""
+    for a, b in spans(rows):
+        rows[a:b] = b - a >= least
+    return rows
+
+
+def steady(values: Float[Array, "C n"], bands: Mapping[int, Float[Array, " C"]], least: int) -> Bool[Array, " n"]:
+    """Rows of runs, of `least` or more, in which the means over W rows and over the next W lie within the band of each
+    width W; a wider one, which sees slower motion, looks only at what is steady by those before."""
+    found = np.ones(values.shape[1], dtype=bool)
+    for w, band in bands.items():
+        for a, b in spans(found):
+            if b - a >= 2 * w:
+                means = window_means(values[:, a:b], w)
+                near = (np.abs(means[:, w:] - means[:, :-w]) <= band[:, None]).all(axis=0)
+                found[a:b] = np.convolve(near, np.ones(2 * w)) > 0
+        found = long_runs(found, least)
+    return found
+
+
 def resting_runs(block: MovingBlock) -> tuple[Int[Array, " M"], ...]:
     """Steps at rest at the beginning and at the end of each demonstration, and the first step and the length of its
     longest rest between. The means over W steps and over the next W lie within four standard deviations, and a share
@@ -182,17 +211,12 @@ def resting_runs(block: MovingBlock) -> tuple[Int[Array, " M"], ...]:
     tells = band <= settings.LARGEST_BAND * columns.spread
     if not tells.any() or block.values.shape[1] <= 2 * w:
         return head, tail, first, longest
-    band = band[tells, None]
-    total = np.cumsum(np.pad(block.values[tells], ((0, 0), (1, 0))), axis=1)
-    means = (total[:, w:] - total[:, :-w]) / w  # of steps t to t + w - 1
-    rests = (np.abs(means[:, w:] - means[:, :-w]) <= band).all(axis=0)
+    values, band = block.values[tells], band[tells]
     for m, (begin, end) in enumerate(itertools.pairwise(block.offsets.tolist())):
-        if end - begin <= 2 * w:
-            continue
-        edges = np.flatnonzero(np.diff(rests[begin : end - 2 * w + 1], prepend=False, append=False))
-        for a, b in edges.reshape(-1, 2).tolist():
-            n = b - a + 2 * w - 1
-            if (np.abs(means[:, begin + a + n - w] - means[:, begin + a]) > 2.0 * band[:, 0]).any():
+        own = values[:, begin:end]
+        for a, b in spans(steady(own, {w: band}, 2 * w)) if end - begin > 2 * w else ():
+            n = b - a
+            if (np.abs(own[:, b - w : b].mean(axis=1) - own[:, a : a + w].mean(axis=1)) > 2.0 * band).any():
                 continue  # it creeps
             if a == 0:
                 head[m] = n

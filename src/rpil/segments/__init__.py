@@ -1,0 +1,1 @@
+"""Segments: where in a demonstration something is, and which rows to keep."""
