@@ -76,20 +76,23 @@ class Fault:
         return {"grade": self.grade} | asdict(self) | {"severity": severity, "ids": [*self.ids]}
 
 
+Groups = Mapping[str, Mapping[str, str]]
+"""The task, and the operator, of each demonstration, by its id as text."""
+
 MAX_NAMED = 60  # demonstrations, in a finding about several
 
 
-def in_words(names: Sequence[Id], every: Sequence[Id], tasks: Mapping[str, str]) -> str:
-    """How many of the demonstrations these are, and which: those of a task, the last ones, or by their ids."""
+def in_words(names: Sequence[Id], every: Sequence[Id], groups: Groups) -> str:
+    """How many of the demonstrations these are, and which: those of a task or an operator, the last ones, or by ids."""
     n, place = len(names), {name: m for m, name in enumerate(every)}
     if n == len(every):
         return f"all of {counted(n, 'demonstration')}"
     rows = [place[name] for name in names]
-    those = {tasks.get(str(name), "") for name in names}
-    others = {tasks.get(str(name), "") for name in every if name not in {*names}}
-    said = f"{n:,} of {len(every):,} demonstrations"
-    if not those & others and len(those) == 1:
-        return f"{said}, those of the task {printable(min(those))!r}"
+    said, rest = f"{n:,} of {len(every):,} demonstrations", {*every} - {*names}
+    for kind, of in groups.items():
+        those, others = ({of.get(str(name), "") for name in part} for part in (names, rest))
+        if not those & others and len(those) == 1:
+            return f"{said}, those of the {kind} {printable(min(those))!r}"
     if rows[-1] - rows[0] == n - 1 and n > 1:
         shown = f"from {names[0]} on" if rows[-1] == len(every) - 1 else f"{names[0]} to {names[-1]}"
         return f"{said}, {one_line(shown)}"
@@ -132,7 +135,7 @@ class Measurements:
     ids: tuple[Id, ...]
     lengths: Int[Array, " M"]
     seconds: float | None  # between two frames, if that is known
-    tasks: Mapping[str, str] = field(default_factory=dict)  # by ids as text
+    groups: Groups = field(default_factory=dict)
 
     @cached_property
     def lacking(self) -> dict[str, str]:
@@ -148,6 +151,10 @@ class Measurements:
             "several": (len(self.ids) < least, f"it takes {least} demonstrations to know what is usual"),
         }
         return {need: reason for need, (is_lacking, reason) in reasons.items() if is_lacking}
+
+    def of_each(self, kind: str) -> list[str]:
+        """The task, or the operator, of each demonstration; "" where it is not known."""
+        return [self.groups.get(kind, {}).get(str(name), "") for name in self.ids]
 
     def in_steps(self, steps: int) -> str:
         """Steps in words, with their time where it is known."""

@@ -19,7 +19,7 @@ from rpil.numerics.types import Array, Bool, Float, Int, Shaped
 
 class HeldValue(ComparingRule):
     sentence = "{column} stays at {at} for {long} from {first} while others move (usual: up to {most})"
-    causes = ("length", "idle tail", "pause", "two episodes")
+    causes = ("length", "idle tail", "pause", "two episodes", "two units")
     kinds: tuple[bool, ...] = (False, True)  # whether the columns that the rule is about are actions
     is_extreme = False
 
@@ -90,6 +90,7 @@ class Saturation(HeldValue):
 class NeverMoves(ComparingRule):
     name, words = "never moves", "a column does not move, and in the others it does"
     sentence = "{column} does not move, and in the others it does"
+    causes = ("two units",)
     takes_steps = True
 
     @staticmethod

@@ -155,21 +155,17 @@ class FrameRate(CommandRule):
 
 class Duplicate(Rule):
     name, words = "duplicate", "another demonstration is the same, or nearly"
-    causes = ("never moves",)
+    causes = ("never moves", "two units")
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """A hash; and means over parts of each demonstration, seen from some directions, and the logarithm of its
-        length."""
-        offsets, lengths, spread = block.offsets, np.diff(block.offsets), block.columns.spread
-        directions = np.random.default_rng(0).normal(size=(settings.DIRECTIONS, len(spread)))
-        directions /= spread
+        """A hash; and means over parts of each demonstration, (M, K, C)."""
+        offsets, lengths = block.offsets, np.diff(block.offsets)
         firsts = offsets[:-1, None] + (np.arange(settings.PARTS) * lengths[:, None]) // settings.PARTS
         widths = np.diff(firsts, append=offsets[1:, None]).ravel()
-        means = np.add.reduceat(directions @ block.values, firsts.ravel(), axis=1) / np.maximum(widths, 1)
-        parts = np.ascontiguousarray(means.T).reshape(len(lengths), -1)
-        signatures = np.column_stack([parts, settings.LENGTH_WEIGHT * np.log(lengths)])
-        return digests(block.block.observations, block.block.actions, offsets), signatures
+        means = np.add.reduceat(block.values, firsts.ravel(), axis=1) / np.maximum(widths, 1)
+        profile = np.ascontiguousarray(means.T).reshape(len(lengths), settings.PARTS, -1)
+        return digests(block.block.observations, block.block.actions, offsets), profile
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
@@ -178,7 +174,10 @@ class Duplicate(Rule):
 
     @classmethod
     def find(cls, data: Measurements) -> Iterator[Fault]:
-        digest, signatures = data.measured[cls.measure]
+        (digest, profile), spread = data.measured[cls.measure], data.learned.columns.spread
+        directions = np.random.default_rng(0).normal(size=(settings.DIRECTIONS, len(spread))) / spread
+        seen = (profile @ directions.T).reshape(len(profile), -1)
+        signatures = np.column_stack([seen, settings.LENGTH_WEIGHT * np.log(data.lengths)])
         are_measured = bool(data.learned.columns.names)
         first = Copies.of(digest).copy_of
         is_copy = (first < np.arange(len(first))) & (are_measured | (data.lengths >= settings.MIN_DUPLICATE))
@@ -222,6 +221,7 @@ def near_limit(distance: Array) -> float:
 
 
 class IdleEnd(ComparingRule):
+    causes = ("two units",)
     part = 0  # of the beginning, 0, the end, 1, or between, 2
 
     @staticmethod
