@@ -31,13 +31,16 @@ def arm(seed=0):
 CLEAN = arm()
 
 
-def test_a_constant_action_is_one_line_and_a_constant_state_none():
+def test_what_is_constant_is_one_line():
     constant = [(x, a * [1, 1, 1, 0] + [0, 0, 0, 12.5]) for x, a in CLEAN]
     found = [one for one in check(demonstrations(constant)).lines if one.rule == "constant"]
     assert [one.column for one in found] == ["action 3"]
     assert found[0].sentence.startswith("action 3 is 12.5 in every step: its range is 0, by which min-max")
     goal = [(np.c_[x, np.ones(len(x))], a) for x, a in CLEAN]
-    assert not check(demonstrations(goal)).findings
+    (line,) = check(demonstrations(goal)).findings
+    assert (line.rule, line.id, line.column, line.grade) == ("constant state", "", "observation 4", "odd")
+    assert line.sentence.startswith("observation 4 is 1 in every step: its range is 0, by which min-max")
+    assert "constant state" not in check(demonstrations([(x + m, a) for m, (x, a) in enumerate(goal)])).counts
     codes = [(x, np.zeros(len(x), dtype=int)) for x, _ in CLEAN]
     assert "constant" not in check(demonstrations(codes)).counts
 

@@ -19,7 +19,6 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.guard import guarded
 from rpil.faults import recorded, settings
-from rpil.faults.conventions import ConstantAction
 from rpil.faults.measured_columns import MovingBlock, column_labels, set_aside
 from rpil.faults.report import ALL, RULES, FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Groups, Learned, Measure, Measurements
@@ -158,7 +157,6 @@ def _check_steps(
         why |= {rule.name: rule.unknown for rule in applied if rule.silent == rule.names != ()}
         unknown = {rule.name: rule.silent for rule in applied if rule.silent and rule.name not in why}
         findings += itertools.chain(Duplicate.find(data), *(rule.findings() for rule in applied))
-        findings += ConstantAction.find(demonstrations, learned)
         usual = {rule.name: rule.usual() for rule in applied if isinstance(rule, OtherLag) and rule.name not in why}
         usual |= {recorded.DroppedFrames.name: f"a frame every {1e3 * seconds:.4g} ms"} if seconds else {}
         idle_ends = trims(data)

@@ -8,30 +8,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rpil.data.demonstrations import DemonstrationSet
 from rpil.data.text import counted, listed
 from rpil.faults import settings
 from rpil.faults.measured_columns import MeasuredColumns, MovingBlock
 from rpil.faults.motion import Jump, Wraps
-from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, Rule, in_words
+from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, in_words
 from rpil.faults.still import few
 from rpil.faults.whole_rules import Duplicate
 from rpil.numerics.types import Array, Bool, Float
-
-
-class ConstantAction(Rule):
-    name, words, grade = "constant", "an action is the same in every step of the set", "broken"
-
-    @classmethod
-    def find(cls, demonstrations: DemonstrationSet, learned: Learned) -> Iterator[Fault]:
-        """Those whose range is 0."""
-        of = learned.action_labels  # none of codes, which may be text
-        if same := [a for a in range(len(of)) if demonstrations.low[a] == demonstrations.high[a]]:
-            every = listed([f"{of[a]} is {demonstrations.low[a]:.4g}" for a in same])
-            what, them = ("their ranges are", "them") if len(same) > 1 else ("its range is", "it")
-            column = "" if len(same) > 1 else of[same[0]]
-            said = f"{every} in every step: {what} 0, by which min-max normalisation divides; leave {them} out"
-            yield Fault(cls.name, "", 0, 0, column, float(len(same)), 0.0, 1.0, said, demonstrations.ids)
 
 
 class OutsideRange(ComparingRule):
@@ -42,17 +26,19 @@ class OutsideRange(ComparingRule):
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """The largest value of each action, and the next smaller one; then the same downwards, where signs are changed,
-        (M, 2 A)."""
+        """The largest value of each action, and the next smaller one, also downwards, of other signs, (M, 2 A);
+        and the largest value, with either sign, of the observations that may stay the same."""
         actions, begins = block.block.actions, block.offsets[:-1]
         actions = actions if actions.ndim == 2 else np.zeros((len(actions), 0))  # a code has no limit
         sides = np.concatenate([actions.T, -actions.T]).astype(np.float64)
         top = np.maximum.reduceat(sides, begins, axis=1)
         below = np.where(sides < np.repeat(top, np.diff(block.offsets), axis=1), sides, -np.inf)
-        return top.T, np.maximum.reduceat(below, begins, axis=1).T
+        same = block.block.observations[:, [*learned.same]]
+        ends = (np.maximum.reduceat(values, begins, axis=0) for values in (same, -same))
+        return top.T, np.maximum.reduceat(below, begins, axis=1).T, *ends
 
     def compare(self) -> Compared:
-        (top, below), data = self.measured, self.data
+        (top, below), data = self.measured[:2], self.data
         self.names, n = data.learned.action_labels * 2, top.shape[1] // 2
         # Copies tell no limit.
         _, others = np.unique(np.column_stack([top, below, data.lengths]), axis=0, return_index=True)
@@ -71,6 +57,30 @@ class OutsideRange(ComparingRule):
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         return super().say(fault, m, c, limit=self.limits[c] * (1 if c < len(self.names) // 2 else -1))
+
+
+class ConstantAction(ComparingRule):
+    name, words, grade = "constant", "an action is the same in every step of the set", "broken"
+    needs, measure = (), OutsideRange.measure
+    is_action = True
+
+    def findings(self) -> Iterator[Fault]:
+        """Those whose range is 0."""
+        learned, (top, _, high, low) = self.data.learned, (of_each.max(axis=0) for of_each in self.measured)
+        names = [*learned.same.values()]
+        if self.is_action:
+            names, (high, low) = [*learned.action_labels], np.split(top, 2)
+        if same := np.flatnonzero(high == -low).tolist():
+            every = listed([f"{names[c]} is {high[c]:.4g}" for c in same])
+            what, them = ("their ranges are", "them") if len(same) > 1 else ("its range is", "it")
+            column = "" if len(same) > 1 else names[same[0]]
+            said = f"{every} in every step: {what} 0, by which min-max normalisation divides; leave {them} out"
+            yield Fault(self.name, "", 0, 0, column, float(len(same)), 0.0, 1.0, said, self.data.ids)
+
+
+class ConstantState(ConstantAction):
+    name, words, grade = "constant state", "an observation is the same in every step of the set", "odd"
+    is_action = False
 
 
 def limit_of(tops: Float[Array, " M"]) -> float:
@@ -116,6 +126,18 @@ class TwoEpisodes(ComparingRule):
         if self.early[m]:
             which = f"its first {fault.last} rows are those of the one before"
         return super().say(fault, m, c, which=which)
+
+
+class Unrelated(ComparingRule):
+    name, words = "unrelated", "no observation goes with an action in any demonstration"
+    needs = "observations", "actions", "several"
+
+    def findings(self) -> Iterator[Fault]:
+        """One line, if any."""
+        if self.data.learned.are_strangers:
+            said = "the observations go with the actions of other demonstrations as well as with their own: "
+            said += "these columns may belong to something else, or to other demonstrations"
+            yield Fault(self.name, "", 0, 0, "", 1.0, 0.0, 1.0, said, self.data.ids)
 
 
 class Units(ComparingRule):
@@ -170,9 +192,13 @@ class Conventions(ComparingRule):
         found = {c: way for c, way in found.items() if known[c] and other.get(c, c) in found}  # else commands tell
         own = {c: s for c, s in enumerate(columns.partner.tolist()) if columns.is_action[c] and s >= 0} | own
         several = len({kind if "order" in kind else own.get(c, c) for c, (kind, _) in found.items()}) > 1
-        is_sure = several or self.is_change(rows)
+        is_sure = several or (self.is_change(rows) and rows.sum() > 2)
         kinds = {kind[:5] for kind, _ in found.values()}  # several together are two tasks
-        return found if len(kinds) == 1 and (is_sure or kinds <= {"unit", "moved"}) else {}
+        return (
+            found
+            if len(kinds) == 1 and (is_sure or kinds == {"unit"} or (kinds == {"moved"} and rows.sum() > 2))
+            else {}
+        )
 
     def is_change(self, rows: Bool[Array, " M"]) -> bool:
         """Whether the set changes once, in order, or with the operator, and not with the task: else one column may

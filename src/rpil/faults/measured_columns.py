@@ -259,6 +259,13 @@ def changes(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> Float[Arr
     return change
 
 
+def part_means(values: Float[Array, "C T"], offsets: Int[Array, " _"], n: int) -> Float[Array, "M K C"]:
+    """Means over `n` parts of each demonstration, one after the other in time."""
+    firsts = offsets[:-1, None] + (np.arange(n) * np.diff(offsets)[:, None]) // n
+    widths = np.maximum(np.diff(firsts, append=offsets[1:, None]).ravel(), 1)
+    return np.ascontiguousarray((np.add.reduceat(values, firsts.ravel(), axis=1) / widths).T).reshape(*firsts.shape, -1)
+
+
 def means(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> Float[Array, "M C"]:
     """Mean over the steps of each demonstration."""
     return np.asarray((np.add.reduceat(values, offsets[:-1], axis=1) / np.diff(offsets)).T)

@@ -20,7 +20,7 @@ from rpil.data.text import counted, duration, listed, moment, one_line, printabl
 from rpil.faults import settings
 from rpil.faults.lag import Pair, find_lag
 from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, pilot
-from rpil.faults.tracking import Tracked, find_tracked
+from rpil.faults.tracking import Tracked, are_strangers, find_tracked
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Int
 
@@ -107,6 +107,8 @@ class Learned:
     pairs: tuple[Pair, ...]
     tracked: Tracked
     action_labels: tuple[str, ...]
+    same: dict[int, str]  # observations that stay the same in the sample, and their labels
+    are_strangers: bool  # see `rpil.faults.tracking.are_strangers`
 
     @classmethod
     def of(cls, demonstrations: Demonstrations | Dataset) -> Learned:
@@ -115,8 +117,13 @@ class Learned:
         labels = column_labels(demonstrations)
         sample = learn_columns(block, numbers, labels)
         pairs, partner = find_lag(sample, settings.MAX_LAG)
-        columns = replace(sample.columns, partner=partner)
-        return cls(columns, pairs, find_tracked(sample), labels[demonstrations.n_observations :])
+        tracked = find_tracked(sample)
+        if tracked.is_command:
+            partner[tracked.action], partner[tracked.state] = tracked.state, tracked.action
+        states = block.observations[:, : settings.MOST_COLUMNS]
+        same = {k: labels[k] for k in np.flatnonzero(states.min(axis=0) == states.max(axis=0)).tolist()}
+        labels = labels[demonstrations.n_observations :]
+        return cls(replace(sample.columns, partner=partner), pairs, tracked, labels, same, are_strangers(sample))
 
 
 GRADES = "broken", "suspect", "odd"

@@ -77,6 +77,11 @@ IS_STATE = 0.05  # share of what is left beside, below which the state of the sa
 LAG_PAIRS = 16  # that tell it, at most
 LAG_FITS, LAG_BETTER = 0.3, 2.0  # share that is left where a lag is known; times more at others, squared one step off
 
+# What is special of each demonstration
+SPECIAL_PARTS, SPECIAL_ROLLS = 32, 8  # parts of time, and others with which it is compared, and itself
+SPECIAL_MEMORY, LEAST_SPECIAL = 0.5, 0.05  # correlation from part to part; spreads
+GOES_WITH = 0.8  # correlation from which a state goes with an action
+
 # The whole set
 TOUCHED = 0.6  # share of the demonstrations within a limit that touch it
 BEYOND_LIMIT = 0.05  # share of the range of an action that passes a limit

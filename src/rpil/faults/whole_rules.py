@@ -12,7 +12,7 @@ from rpil.data.text import counted, duration
 from rpil.faults import settings
 from rpil.faults.command_rules import CommandRule
 from rpil.faults.lag import shifts
-from rpil.faults.measured_columns import MovingBlock
+from rpil.faults.measured_columns import MovingBlock, part_means
 from rpil.faults.motion import Scale
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, Measurements, Rule, above
 from rpil.faults.still import few, idle_runs
@@ -117,7 +117,7 @@ class Sign(ComparingRule):
     name, words = "sign", "an action, or the state that follows it, has the other sign than usual"
     sentence = "{column}, or what follows it, has the other sign"
     needs = ("lag", "several")
-    causes = ("never moves",)
+    causes = ("never moves", "unrelated")
     takes_steps = True
     measure = OtherLag.measure
 
@@ -160,12 +160,8 @@ class Duplicate(Rule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """A hash; and means over parts of each demonstration, (M, K, C)."""
-        offsets, lengths = block.offsets, np.diff(block.offsets)
-        firsts = offsets[:-1, None] + (np.arange(settings.PARTS) * lengths[:, None]) // settings.PARTS
-        widths = np.diff(firsts, append=offsets[1:, None]).ravel()
-        means = np.add.reduceat(block.values, firsts.ravel(), axis=1) / np.maximum(widths, 1)
-        profile = np.ascontiguousarray(means.T).reshape(len(lengths), settings.PARTS, -1)
-        return digests(block.block.observations, block.block.actions, offsets), profile
+        digest = digests(block.block.observations, block.block.actions, block.offsets)
+        return digest, part_means(block.values, block.offsets, settings.PARTS)
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
