@@ -183,7 +183,7 @@ def in_part(rows, change):
 
 PARTS = {
     "two units": (lambda v: np.deg2rad(v), "is 57.3 times smaller than in the other", 7),
-    "moved": (lambda v: v + [0, 0, 25, 0], "higher throughout than in the other", 1),
+    "moved": (lambda v: v + np.array([0, 0, 25, 0]), "higher throughout than in the other", 1),
     "turned": (lambda v: [0, 0, 0, 60] - v * [-1, -1, -1, 1], "goes the other way than in the other", 1),
     "order": (lambda v: v[:, [1, 2, 0, 3]], "are in another order than in the other", 2),
 }

@@ -21,7 +21,7 @@ from rpil.data.guard import guarded
 from rpil.faults import recorded, settings
 from rpil.faults.measured_columns import MovingBlock, column_labels, set_aside
 from rpil.faults.report import ALL, RULES, FaultReport
-from rpil.faults.rule import ComparingRule, Fault, Groups, Learned, Measure, Measurements
+from rpil.faults.rule import ComparingRule, Fault, Grouping, Learned, Measure, Measurements
 from rpil.faults.whole_rules import Duplicate, Length, OtherLag, trims
 from rpil.formats import ReadOptions, opened
 from rpil.formats.columns import ColumnOptions, check_options
@@ -129,7 +129,7 @@ def _check_files(
 
 
 def _check_steps(
-    demonstrations: Demonstrations | Dataset, times: Times, skip_bad: bool, why: dict[str, str], groups: Groups
+    demonstrations: Demonstrations | Dataset, times: Times, skip_bad: bool, why: dict[str, str], groups: Grouping
 ) -> FaultReport:
     """The faults in the steps of the demonstrations; `why` tells which rules are not to be applied, and gets more."""
     seconds = 1.0 / times.fps if times.fps else recorded.recorded_time(times, demonstrations)

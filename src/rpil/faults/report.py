@@ -16,7 +16,7 @@ from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, read_json
 from rpil.data.text import counted, one_line, printable
 from rpil.faults import command_rules, conventions, motion, recorded, settings, still, whole_rules  # noqa: F401  their rules
-from rpil.faults.rule import Fault, Groups, Rule, in_words
+from rpil.faults.rule import Fault, Grouping, Rule, in_words
 from rpil.formats import write_columns
 
 OF_AUDIT = {
@@ -92,7 +92,7 @@ class FaultReport:
     set_aside: tuple[Id, ...] = ()
     n_expected: int = 0
     ids: tuple[Id, ...] = ()
-    groups: Groups = field(default_factory=dict)
+    groups: Grouping = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "findings", tuple(sorted(self.findings, key=lambda found: found.order)))

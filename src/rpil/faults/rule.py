@@ -76,13 +76,13 @@ class Fault:
         return {"grade": self.grade} | asdict(self) | {"severity": severity, "ids": [*self.ids]}
 
 
-Groups = Mapping[str, Mapping[str, str]]
+Grouping = Mapping[str, Mapping[str, str]]
 """The task, and the operator, of each demonstration, by its id as text."""
 
 MAX_NAMED = 60  # demonstrations, in a finding about several
 
 
-def in_words(names: Sequence[Id], every: Sequence[Id], groups: Groups) -> str:
+def in_words(names: Sequence[Id], every: Sequence[Id], groups: Grouping) -> str:
     """How many of the demonstrations these are, and which: those of a task or an operator, the last ones, or by ids."""
     n, place = len(names), {name: m for m, name in enumerate(every)}
     if n == len(every):
@@ -142,7 +142,7 @@ class Measurements:
     ids: tuple[Id, ...]
     lengths: Int[Array, " M"]
     seconds: float | None  # between two frames, if that is known
-    groups: Groups = field(default_factory=dict)
+    groups: Grouping = field(default_factory=dict)
 
     @cached_property
     def lacking(self) -> dict[str, str]:
