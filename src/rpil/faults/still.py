@@ -61,9 +61,9 @@ class HeldValue(ComparingRule):
         if (pairs := self.data.learned.tracked).is_command and not self.is_extreme:
             begins, far = (of_each[:, chosen] for of_each in self.measured[8:])
             least = settings.LEAST_USUAL_GAP * self.columns.spread[chosen] + settings.ERRORS * begins
-            stays = is_own & np.isin(np.flatnonzero(chosen), [pairs.action, pairs.state])
+            stays = (self.first > 0) & np.isin(np.flatnonzero(chosen), [pairs.action, pairs.state])
             stays &= length >= np.maximum(settings.STILL_SHARE * self.data.lengths[:, None], settings.MIN_FROZEN)
-            leaves = stays & (far > least)
+            leaves = stays & is_own & (far > least)
             self.goes_on = leaves | (stays & (leaves.sum(axis=0) >= settings.MOST_FEW * len(leaves)))
             self.goes_on &= ~(severity > 1.0)
             limit, severity = np.where(self.goes_on, settings.MIN_FROZEN, limit), np.where(self.goes_on, 2.0, severity)
