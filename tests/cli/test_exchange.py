@@ -6,11 +6,13 @@ import json
 import re
 from pathlib import Path
 
+import rpil
 from command_line import call, ok, refused
 from lerobot_folders import write as write_folder
 from recordings import write_recording
-from rpil.cli.exchange import NumberedFinding, markdown, sarif
+from rpil.cli.exchange import NumberedFinding, markdown, of_faults, sarif
 from rpil.faults.report import NUMBERS, OF_AUDIT, RULE_NAMES, RULES
+from rpil.faults.rule import Fault
 from rpil.inference.findings import FINDINGS
 from rpil.results.vocabulary import SIDES
 
@@ -114,7 +116,7 @@ def test_json_of_an_audit_is_as_its_schema_says(folder):
         check_schema(printed, "audit")
 
 
-def check_sarif(log):
+def check_sarif(log, line=1):
     """The parts of SARIF 2.1.0 that code scanning needs."""
     assert log["version"] == "2.1.0"
     (run,) = log["runs"]
@@ -124,7 +126,7 @@ def check_sarif(log):
         assert rules[result["ruleIndex"]]["id"] == result["ruleId"]
         assert result["level"] in ("note", "warning", "error")
         (place,) = result["locations"]
-        assert place["physicalLocation"]["region"]["startLine"] == 1
+        assert place["physicalLocation"]["region"]["startLine"] == line
         assert re.fullmatch(r"(file:///)?[\w.%/-]+", place["physicalLocation"]["artifactLocation"]["uri"])
     marks = [result["partialFingerprints"]["primaryLocationLineHash"] for result in run["results"]]
     assert len({*marks}) == len(marks)
@@ -135,10 +137,20 @@ def test_sarif_of_a_check():
     write_recording("my data.parquet", spike)
     result = call("check", "my data.parquet", "--format", "sarif", "--fail-on", "any")
     assert result.exit_code == 1
-    (found,) = check_sarif(json.loads(result.stdout))
+    row = int(rpil.open("my data.parquet").steps.offsets[4]) + 60
+    (found,) = check_sarif(json.loads(result.stdout), line=row + 1)
     assert found["ruleId"] == "RPIL-108"
     assert found["message"]["text"].startswith("4: ")
     assert found["locations"][0]["physicalLocation"]["artifactLocation"]["uri"] == "my%20data.parquet"
+
+
+def test_sarif_names_the_file_of_a_folder_and_its_row(tmp_path):
+    folder = write_folder(tmp_path / "set", [30] * 5)  # three a file
+    fault = Fault("spike", 4, 2, 2, "x", 1.0, 0.0, 2.0, "leaps")
+    (result,) = sarif(of_faults([fault], rpil.open(folder)), str(folder))["runs"][0]["results"]
+    place = result["locations"][0]["physicalLocation"]
+    assert place["artifactLocation"]["uri"].endswith("set/data/chunk-000/file-001.parquet")
+    assert place["region"]["startLine"] == 30 + 2 + 1
 
 
 def test_fingerprints_of_equal_places_differ():

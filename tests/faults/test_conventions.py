@@ -31,13 +31,16 @@ def arm(seed=0):
 CLEAN = arm()
 
 
-def test_a_constant_action_is_one_line_and_a_constant_state_none():
+def test_what_is_constant_is_one_line():
     constant = [(x, a * [1, 1, 1, 0] + [0, 0, 0, 12.5]) for x, a in CLEAN]
     found = [one for one in check(demonstrations(constant)).lines if one.rule == "constant"]
     assert [one.column for one in found] == ["action 3"]
     assert found[0].sentence.startswith("action 3 is 12.5 in every step: its range is 0, by which min-max")
     goal = [(np.c_[x, np.ones(len(x))], a) for x, a in CLEAN]
-    assert not check(demonstrations(goal)).findings
+    (line,) = check(demonstrations(goal)).findings
+    assert (line.rule, line.id, line.column, line.grade) == ("constant state", "", "observation 4", "odd")
+    assert line.sentence.startswith("observation 4 is 1 in every step: its range is 0, by which min-max")
+    assert "constant state" not in check(demonstrations([(x + m, a) for m, (x, a) in enumerate(goal)])).counts
     codes = [(x, np.zeros(len(x), dtype=int)) for x, _ in CLEAN]
     assert "constant" not in check(demonstrations(codes)).counts
 
@@ -110,11 +113,12 @@ def test_two_ways_that_begin_alike_are_no_conventions():
         ([5, 0, 5.1, 0.2, 5], [0, 2, 4]),
         ([0, 1, 2, 3, 4], None),
         ([0, 0.1, 0.2, 9], None),  # one alone
+        ([0, 2, 0.5, 1.5, 1, 2, 9, 11, 9.5, 10.5, 10, 12], [6, 7, 8, 9, 10, 11]),  # later
     ],
 )
 def test_two_groups_lie_far_apart(values, upper):
-    found = two_groups(np.array(values, float))
-    assert (found is None) if upper is None else np.flatnonzero(found).tolist() == upper
+    found = {tuple(np.flatnonzero(rows).tolist()) for rows in two_groups(np.array(values, float)[:, None])}
+    assert found == ({tuple(upper)} if upper else set())
 
 
 @pytest.mark.parametrize(
@@ -171,3 +175,33 @@ def test_ends_that_are_late_or_early_are_seen_where_the_rows_go_on(late):
     assert set(found) == {7: set(range(N - 1)), -7: set(range(1, N)), 0: set()}[late]
     said = {7: "its last 7 rows are those of the next one", -7: "its first 7 rows are those of the one before"}
     assert all(said[late] in one for one in found.values())
+
+
+def in_part(rows, change):
+    return [(change(x), change(a)) if m in rows else (x, a) for m, (x, a) in enumerate(CLEAN)]
+
+
+PARTS = {
+    "two units": (lambda v: np.deg2rad(v), "is 57.3 times smaller than in the other", 7),
+    "moved": (lambda v: v + np.array([0, 0, 25, 0]), "higher throughout than in the other", 1),
+    "turned": (lambda v: [0, 0, 0, 60] - v * [-1, -1, -1, 1], "goes the other way than in the other", 1),
+    "order": (lambda v: v[:, [1, 2, 0, 3]], "are in another order than in the other", 2),
+}
+
+
+@pytest.mark.parametrize("kind", PARTS)
+@pytest.mark.parametrize("rows", [range(3), range(6, 12), range(3, 12), range(12)])
+def test_states_and_actions_that_differ_together_in_a_part_are_one_line(kind, rows):
+    change, said, more = PARTS[kind]
+    report = check(demonstrations(in_part(rows, change)))
+    if len(rows) == N:
+        assert not report.findings  # of all it cannot be known
+        return
+    smaller = tuple(rows) if len(rows) <= 6 else tuple(range(3))
+    assert {(one.id, one.ids) for one in report.findings} == {("", smaller)}
+    assert report.findings[0].rule == ("two units" if kind == "two units" else "two conventions")
+    assert said in report.findings[0].sentence or len(rows) > 6
+    assert report.findings[0].sentence.endswith(f"; the same in {more} more column{'s' * (more > 1)}")
+    if kind == "moved":
+        by = float(report.findings[0].sentence.split(" is ")[1].split()[0])
+        assert by == pytest.approx(25, abs=4)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -37,20 +39,24 @@ def table_of(data, **options):
 
 def test_a_clean_set_has_a_row_for_each_action_and_nothing_to_stumble_over():
     found = table_of(frame(), outcome="success")
-    assert found.facts["episodes"] == "10"
-    assert found.facts["rate"] == "20 a second"
-    assert found.facts["idle share"] == "0 %"
-    assert found.facts["successes, success"] == "70 % of episodes"
-    assert [row[3:6] for row in found.actions] == [("", "", "2")] * 3
-    assert all(0 < float(row[6]) < 0.01 for row in found.actions)
+    assert found.facts["episodes"] == 10
+    assert found.facts["rate"] == 20
+    assert found.facts["idle share"] == 0
+    assert found.facts["successes, success"] == 0.7
+    assert [(row["constant"], row["wraps"], row["lag"]) for row in found.actions] == [(False, None, 2)] * 3
+    assert all(0 < row["tracking error"] < 0.01 for row in found.actions)
+    assert ("rate", "20 a second") in found.panels()[0]
+    assert found.panels()[0][-1] == ("successes, success", "70%")
+    assert found.panels()[1][1][4:7] == ("", "", "2")
     assert found.stumbles == []
     assert "stumble" not in "\n".join(found.lines())
 
 
 def test_what_is_wrong_is_in_its_cell_and_has_a_remedy():
     found = table_of(frame(constant=True, idle=50))
-    assert found.actions[2][1:4] == ("0 to 0", "", "constant")
-    assert float(found.facts["idle share"].split()[0]) == pytest.approx(100 * 50 / 225, abs=4)
+    assert [found.actions[2][name] for name in ("low", "high", "at limits", "constant")] == [0, 0, None, True]
+    assert found.panels()[1][3][1:5] == ("0", "0", "", "constant")
+    assert found.facts["idle share"] == pytest.approx(50 / 225, abs=0.04)
     assert any(line.endswith("leave it out") for line in found.stumbles)
     assert any(
         line.endswith("; rpil check FILE --format json lists the steps to keep under trims") for line in found.stumbles
@@ -64,7 +70,7 @@ def test_what_is_wrong_is_in_its_cell_and_has_a_remedy():
     read = rpil.open(frame(moved=(2, 3)), observations="state.*")
     (line, _) = set_table(read, rpil.check(read), "my set.csv").stumbles
     assert line.endswith("; rpil keep 'my set.csv' -o NEW.csv --without-faults offset")
-    assert {row[4] for row in table_of(frame(wraps=True)).actions} == {"by 6.283"}
+    assert {round(row["wraps"], 3) for row in table_of(frame(wraps=True)).actions} == {6.283}
 
 
 def test_the_table_is_markdown_and_json(tmp_path):
@@ -77,7 +83,9 @@ def test_the_table_is_markdown_and_json(tmp_path):
     named.to_csv(path, index=False)
     (row,) = (line for line in ok("info", "--set", str(path)).stdout.splitlines() if "&lt;b&gt;x" in line)
     assert row.startswith("| action.a\\|&lt;b&gt;x ")
-    assert '"episodes": "10"' in ok("info", "--set", "--format", "json", str(path)).stdout
+    told = json.loads(ok("info", "--set", "--format", "json", str(path)).stdout)
+    assert told["set"]["episodes"] == 10
+    assert {type(row["low"]) for row in told["actions"]} == {float}
 
 
 def test_codes_have_no_rows():

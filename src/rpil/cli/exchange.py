@@ -33,34 +33,34 @@ RULES_PAGE = "https://github.com/rpil/rpil/blob/main/docs/teams.md"
 
 
 class NumberedFinding(NamedTuple):
-    """The number of its rule, the demonstration or the part of a folder, what is seen, and in which line of a file."""
+    """The number of its rule, the demonstration or the part of a folder, what is seen, and in which line, or row, of
+    which file of a folder."""
 
     number: str
     place: str
     sentence: str
     line: int = 1
+    file: str = ""
 
 
 def of_faults(faults: Iterable[Fault], recording: Recording | None = None) -> list[NumberedFinding]:
-    """Findings in recordings, their folder and videos; with the line of a text file of which the recording is."""
-    found = []
-    for one in faults:
-        place = printable(one.id) or ("the set" if one.ids else "the folder")
-        line = _line(recording, one) if recording else 1
-        found.append(NumberedFinding(NUMBERS[one.rule], place, one.sentence, line))
-    return found
+    """Findings in recordings, their folder and videos; with the line or row of the recording at which they begin."""
+    named = [(one, printable(one.id) or ("the set" if one.ids else "the folder")) for one in faults]
+    where = [_line(recording, one) if recording else (1, "") for one, _ in named]
+    return [NumberedFinding(NUMBERS[f.rule], name, f.sentence, *at) for (f, name), at in zip(named, where, strict=True)]
 
 
-def _line(recording: Recording, fault: Fault) -> int:
-    """The line of a text file at which a fault begins; 1 of other files."""
+def _line(recording: Recording, fault: Fault) -> tuple[int, str]:
+    """The line of a text file at which a fault begins, or the row of another; and which file of a folder it is."""
     from rpil.formats.dialect import TEXT_SUFFIXES
-    from rpil.formats.json_lines import JSON_SUFFIXES
 
     source, name = recording.description.source.lower(), fault.ids[0] if fault.ids else fault.id
-    if name not in recording.ids or not source.endswith((*TEXT_SUFFIXES, *JSON_SUFFIXES)):
-        return 1
-    row = recording.steps.offsets[[*recording.ids].index(name)] + fault.first
-    return int(recording.steps.numbers(np.array([row]))[0]) + 1 + source.endswith(TEXT_SUFFIXES)
+    if name not in recording.ids:
+        return 1, ""
+    row, sizes = recording.steps.offsets[[*recording.ids].index(name)] + fault.first, recording.steps.sizes
+    number, ends = int(recording.steps.numbers(np.array([row]))[0]), np.cumsum([0, *sizes.values()])
+    k = int(np.searchsorted(ends, number, side="right")) - 1 if sizes else 0
+    return number - int(ends[k]) + 1 + source.endswith(TEXT_SUFFIXES), [*sizes, ""][k]
 
 
 def of_audit(audit: Audit) -> list[NumberedFinding]:
@@ -92,22 +92,17 @@ def sarif(found: Sequence[NumberedFinding], source: str) -> dict[str, object]:
         words = OF_AUDIT.get(name) or RULES[name].words
         about = {"name": name.title().replace(" ", ""), "shortDescription": {"text": words}}
         rules.append({"id": number, **about, "helpUri": f"{RULES_PAGE}#numbered-rules"})
-    file = {"artifactLocation": {"uri": _address(source)}}
     seen, results = Counter[tuple[str, str]](), []
     for one in found:
         mark = *one[:2], seen[one[:2]]
         seen[one[:2]] += 1
+        at = {"artifactLocation": {"uri": _address(source, one.file)}, "region": {"startLine": one.line}}
         result = {
             "ruleId": one.number,
             "ruleIndex": numbers.index(one.number),
             "level": SARIF_LEVELS[RULES[name].grade] if (name := RULE_NAMES[one.number]) in RULES else "note",
             "message": {"text": f"{one.place}: {to_one_line(one.sentence)}"},
-            "locations": [
-                {
-                    "physicalLocation": file | {"region": {"startLine": one.line}},
-                    "logicalLocations": [{"name": one.place}],
-                }
-            ],
+            "locations": [{"physicalLocation": at, "logicalLocations": [{"name": one.place}]}],
             "partialFingerprints": {"primaryLocationLineHash": hashlib.sha256(repr(mark).encode()).hexdigest()},
         }
         results.append(result)
@@ -116,11 +111,14 @@ def sarif(found: Sequence[NumberedFinding], source: str) -> dict[str, object]:
     return {"$schema": schema, "version": "2.1.0", "runs": [{"tool": {"driver": driver}, "results": results}]}
 
 
-def _address(source: str) -> str:
-    """A URI of the data: relative to the working directory where they are in it, as code scanning asks."""
+def _address(source: str, file: str) -> str:
+    """A URI of the data, or a file in their folder: relative to the working directory where they are in it, as code
+    scanning asks."""
     if "://" in source:  # of the Hub
         return to_one_line(source)
     path = Path(os.path.abspath(source))
+    places = path.rglob(file) if file and path.is_dir() else ()
+    path = next((one for one in places if "meta" not in one.relative_to(path).parts), path)
     return quote(path.relative_to(Path.cwd()).as_posix()) if path.is_relative_to(Path.cwd()) else path.as_uri()
 
 

@@ -19,10 +19,9 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.guard import guarded
 from rpil.faults import recorded, settings
-from rpil.faults.conventions import ConstantAction
 from rpil.faults.measured_columns import MovingBlock, column_labels, set_aside
 from rpil.faults.report import ALL, RULES, FaultReport
-from rpil.faults.rule import ComparingRule, Fault, Learned, Measure, Measurements
+from rpil.faults.rule import ComparingRule, Fault, Grouping, Learned, Measure, Measurements
 from rpil.faults.whole_rules import Duplicate, Length, OtherLag, trims
 from rpil.formats import ReadOptions, opened
 from rpil.formats.columns import ColumnOptions, check_options
@@ -91,14 +90,16 @@ def check(
     beside, why = _check_files(recording, demonstrations, video)
     if isinstance(recording, Recording) and recording.options.segment is not None:
         why[Length.name] = "--segment ends demonstrations by the clock"
-    tasks = recording.tasks if isinstance(recording, Recording) else {}
-    report = _check_steps(demonstrations, times, skip_bad, why, tasks)
+    groups: dict[str, dict[str, str]] = {}
+    if isinstance(recording, Recording):
+        groups = {"task": recording.tasks, "operator": {name: str(of) for name, of in recording.operators}}
+    report = _check_steps(demonstrations, times, skip_bad, why, groups)
     if recorded.TIMESTAMPS not in {found.rule for found in beside}:
         beside += recorded.find_other_rate(times, demonstrations)
     every, known = (*report.findings, *beside), expected or {}
     findings = tuple(found for found in every if not {str(found.id), ALL} & {*known.get(found.rule, ())})
     ids = tuple(demonstrations.ids)
-    return replace(report, findings=findings, n_expected=len(every) - len(findings), ids=ids, tasks=tasks)
+    return replace(report, findings=findings, n_expected=len(every) - len(findings), ids=ids, groups=groups)
 
 
 def files_alone(data: object) -> tuple[Fault, ...]:
@@ -128,7 +129,7 @@ def _check_files(
 
 
 def _check_steps(
-    demonstrations: Demonstrations | Dataset, times: Times, skip_bad: bool, why: dict[str, str], tasks: dict[str, str]
+    demonstrations: Demonstrations | Dataset, times: Times, skip_bad: bool, why: dict[str, str], groups: Grouping
 ) -> FaultReport:
     """The faults in the steps of the demonstrations; `why` tells which rules are not to be applied, and gets more."""
     seconds = 1.0 / times.fps if times.fps else recorded.recorded_time(times, demonstrations)
@@ -149,14 +150,13 @@ def _check_steps(
         why |= dict.fromkeys((Duplicate.name, *(rule.name for rule in COMPARING)), reason)
     else:
         ids = tuple(name for name, keep in zip(demonstrations.ids, kept, strict=True) if keep)
-        data = Measurements(learned, measured, ids, demonstrations.lengths[kept], seconds, tasks)
+        data = Measurements(learned, measured, ids, demonstrations.lengths[kept], seconds, groups)
         lacking = {rule.name: [*filter(None, map(data.lacking.get, rule.needs))] for rule in COMPARING}
         why |= {name: reasons[0] for name, reasons in lacking.items() if reasons}
         applied = [rule(data) for rule in COMPARING if rule.name not in why]
         why |= {rule.name: rule.unknown for rule in applied if rule.silent == rule.names != ()}
         unknown = {rule.name: rule.silent for rule in applied if rule.silent and rule.name not in why}
         findings += itertools.chain(Duplicate.find(data), *(rule.findings() for rule in applied))
-        findings += ConstantAction.find(demonstrations, learned)
         usual = {rule.name: rule.usual() for rule in applied if isinstance(rule, OtherLag) and rule.name not in why}
         usual |= {recorded.DroppedFrames.name: f"a frame every {1e3 * seconds:.4g} ms"} if seconds else {}
         idle_ends = trims(data)
@@ -205,15 +205,18 @@ def _measure(
 
 def without_consequences(findings: Iterable[Fault]) -> list[Fault]:
     """The worst finding of each rule and demonstration, or of each column of the set, without those that follow from
-    another finding in it, which itself follows from none."""
+    another finding in it, or of the set, which itself follows from none."""
     worst: dict[tuple[str, Id, str], Fault] = {}
     of_id: dict[Id, list[Fault]] = defaultdict(list)
     for fault in sorted(findings, key=lambda fault: fault.order):
         if worst.setdefault((fault.rule, fault.id, fault.column if fault.id == "" else ""), fault) is fault:
             of_id[fault.id].append(fault)
 
+    def causes_of(name: Id) -> Iterable[Fault]:
+        return of_id[name] if name == "" else (*of_id[name], *of_id[""])
+
     def stands(fault: Fault) -> bool:
         rule = RULES[fault.rule]
-        return not any(c.rule in rule.causes and rule.follows(fault, c) and stands(c) for c in of_id[fault.id])
+        return not any(c.rule in rule.causes and rule.follows(fault, c) and stands(c) for c in causes_of(fault.id))
 
     return [fault for fault in worst.values() if stands(fault)]

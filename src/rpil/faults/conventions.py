@@ -3,53 +3,42 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
 
-from rpil.data.demonstrations import DemonstrationSet
-from rpil.data.text import listed
+from rpil.data.text import counted, listed
 from rpil.faults import settings
-from rpil.faults.measured_columns import MovingBlock, means
+from rpil.faults.measured_columns import MeasuredColumns, MovingBlock
 from rpil.faults.motion import Jump, Wraps
-from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, Rule, in_words
+from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, in_words
 from rpil.faults.still import few
+from rpil.faults.whole_rules import Duplicate
 from rpil.numerics.types import Array, Bool, Float
-
-
-class ConstantAction(Rule):
-    name, words, grade = "constant", "an action is the same in every step of the set", "broken"
-
-    @classmethod
-    def find(cls, demonstrations: DemonstrationSet, learned: Learned) -> Iterator[Fault]:
-        """Those whose range is 0."""
-        of = learned.action_labels  # none of codes, which may be text
-        if same := [a for a in range(len(of)) if demonstrations.low[a] == demonstrations.high[a]]:
-            every = listed([f"{of[a]} is {demonstrations.low[a]:.4g}" for a in same])
-            what, them = ("their ranges are", "them") if len(same) > 1 else ("its range is", "it")
-            column = "" if len(same) > 1 else of[same[0]]
-            said = f"{every} in every step: {what} 0, by which min-max normalisation divides; leave {them} out"
-            yield Fault(cls.name, "", 0, 0, column, float(len(same)), 0.0, 1.0, said, demonstrations.ids)
 
 
 class OutsideRange(ComparingRule):
     name, words, grade = "outside range", "an action passes a limit that the others touch", "broken"
     needs = ("several",)
     sentence = "{column} goes to {value:.4g}; the others touch {limit:.4g} and never pass it"
+    causes = ("two units",)
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """The largest value of each action, and the next smaller one; then the same downwards, where signs are changed,
-        (M, 2 A)."""
+        """The largest value of each action, and the next smaller one, also downwards, of other signs, (M, 2 A);
+        and the largest value, with either sign, of the observations that may stay the same."""
         actions, begins = block.block.actions, block.offsets[:-1]
         actions = actions if actions.ndim == 2 else np.zeros((len(actions), 0))  # a code has no limit
         sides = np.concatenate([actions.T, -actions.T]).astype(np.float64)
         top = np.maximum.reduceat(sides, begins, axis=1)
         below = np.where(sides < np.repeat(top, np.diff(block.offsets), axis=1), sides, -np.inf)
-        return top.T, np.maximum.reduceat(below, begins, axis=1).T
+        same = block.block.observations[:, [*learned.same]]
+        ends = (np.maximum.reduceat(values, begins, axis=0) for values in (same, -same))
+        return top.T, np.maximum.reduceat(below, begins, axis=1).T, *ends
 
     def compare(self) -> Compared:
-        (top, below), data = self.measured, self.data
+        (top, below), data = self.measured[:2], self.data
         self.names, n = data.learned.action_labels * 2, top.shape[1] // 2
         # Copies tell no limit.
         _, others = np.unique(np.column_stack([top, below, data.lengths]), axis=0, return_index=True)
@@ -59,7 +48,7 @@ class OutsideRange(ComparingRule):
         severity = np.nan_to_num((top - self.limits) / np.where(ranges > 0, ranges, np.nan)) / settings.BEYOND_LIMIT
         # What has the limit among its values has one more of them, unless it belongs to a task or beyond [-1, 1]; and
         # what measures may begin where others end.
-        tasks = np.array([data.tasks.get(str(name), "") for name in data.ids])
+        tasks = np.array(data.of_each("task"))
         of_task = np.array([not {*tasks[rows]} & {*tasks[~rows], ""} for rows in severity.T > 1], dtype=bool)
         own = np.tile((self.limits == 1.0).reshape(2, n).all(axis=0), 2) | of_task
         some = (severity > 1).sum(axis=0) <= few(len(data.ids))
@@ -68,6 +57,30 @@ class OutsideRange(ComparingRule):
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         return super().say(fault, m, c, limit=self.limits[c] * (1 if c < len(self.names) // 2 else -1))
+
+
+class ConstantAction(ComparingRule):
+    name, words, grade = "constant", "an action is the same in every step of the set", "broken"
+    needs, measure = (), OutsideRange.measure
+    is_action = True
+
+    def findings(self) -> Iterator[Fault]:
+        """Those whose range is 0."""
+        learned, (top, _, high, low) = self.data.learned, (of_each.max(axis=0) for of_each in self.measured)
+        names = [*learned.same.values()]
+        if self.is_action:
+            names, (high, low) = [*learned.action_labels], np.split(top, 2)
+        if same := np.flatnonzero(high == -low).tolist():
+            every = listed([f"{names[c]} is {high[c]:.4g}" for c in same])
+            what, them = ("their ranges are", "them") if len(same) > 1 else ("its range is", "it")
+            column = "" if len(same) > 1 else names[same[0]]
+            said = f"{every} in every step: {what} 0, by which min-max normalisation divides; leave {them} out"
+            yield Fault(self.name, "", 0, 0, column, float(len(same)), 0.0, 1.0, said, self.data.ids)
+
+
+class ConstantState(ConstantAction):
+    name, words, grade = "constant state", "an observation is the same in every step of the set", "odd"
+    is_action = False
 
 
 def limit_of(tops: Float[Array, " M"]) -> float:
@@ -91,14 +104,13 @@ class TwoEpisodes(ComparingRule):
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """First, last and mean values of each column, and its changes at the second and at the last step."""
+        """First and last values of each column, and its changes at the second and at the last step."""
         values, size, begin, end = block.values, block.size, block.offsets[:-1], block.offsets[1:] - 1
-        ends = values[:, begin].T, values[:, end].T, means(values, block.offsets)
-        return *ends, size[:, np.minimum(begin + 1, end)].T, size[:, end].T
+        return values[:, begin].T, values[:, end].T, size[:, np.minimum(begin + 1, end)].T, size[:, end].T
 
     def compare(self) -> Compared:
         own, jumps = ~self.columns.is_action, self.data.measured[Jump.measure]
-        first, last, _, begins, ends = (of_each[:, own] for of_each in self.measured)
+        first, last, begins, ends = (of_each[:, own] for of_each in self.measured)
         (jump, step), limit = (x[:, 0] for x in jumps[4:6]), Jump.limit(jumps)
         usual = np.maximum(begins[1:], ends[:-1]) + self.columns.scale[own]
         tells = ((begins > 0) | (ends > 0)).any(axis=0) & (self.columns.memory[own] >= settings.LEAST_MEMORY)
@@ -116,54 +128,146 @@ class TwoEpisodes(ComparingRule):
         return super().say(fault, m, c, which=which)
 
 
-class Conventions(ComparingRule):
-    name, grade = "two conventions", "broken"
-    words = "two parts of the set have columns in another order, or of other signs"
-    measure = TwoEpisodes.measure
+class Unrelated(ComparingRule):
+    name, words = "unrelated", "no observation goes with an action in any demonstration"
+    needs = "observations", "actions", "several"
 
     def findings(self) -> Iterator[Fault]:
-        told = [(column, rows if rows[0] else ~rows, said, kind) for column, rows, said, kind in self.told()]
-        for column, rows, said, _ in told:
-            kinds = {kind for _, other, _, kind in told if (other == rows).all()}
-            if len(kinds) < 2 and not self.is_change(rows):
-                continue
-            if rows.mean() > 0.5 or (rows.mean() == 0.5 and rows[0]):
-                rows = ~rows
-            ids = tuple(self.data.ids[m] for m in np.flatnonzero(rows).tolist())
-            which = in_words(ids, self.data.ids, self.data.tasks)
-            sentence = f"{which}: {said} than in the other {len(rows) - len(ids):,}; which is right cannot be known"
-            yield Fault(self.name, "", 0, 0, column, float(rows.mean()), 0.0, 1.0 + float(rows.mean()), sentence, ids)
+        """One line, if any."""
+        if self.data.learned.are_strangers:
+            said = "the observations go with the actions of other demonstrations as well as with their own: "
+            said += "these columns may belong to something else, or to other demonstrations"
+            yield Fault(self.name, "", 0, 0, "", 1.0, 0.0, 1.0, said, self.data.ids)
+
+
+class Units(ComparingRule):
+    """Found by `Conventions`."""
+
+    name, words, grade = "two units", "a part of the set has columns in another unit than the rest", "broken"
+
+
+class Conventions(ComparingRule):
+    name, grade = "two conventions", "broken"
+    words = "two parts of the set have columns in another order, of other signs, or moved"
+    measure = Duplicate.measure
+
+    def findings(self) -> Iterator[Fault]:
+        """What the first part that tells something has otherwise."""
+        rows, told = next(((rows, found) for rows in self.parts() if (found := self.told(rows))), (np.zeros(1), {}))
+        ids, share = tuple(itertools.compress(self.data.ids, rows)), float(rows.mean())
+        for kind in dict.fromkeys(kind for kind, _ in told.values()):
+            (c, said), *others = ((c, said) for c, (of, said) in told.items() if of == kind)
+            which, rest = in_words(ids, self.data.ids, self.data.groups), f"the other {len(rows) - len(ids):,}"
+            more = f"; the same in {counted(len(others), 'more column')}" if others else ""
+            sentence = f"{which}: {said} than in {rest}; which is right cannot be known{more}"
+            rule = Units.name if kind == "unit" else self.name
+            yield Fault(rule, "", 0, 0, self.columns.names[c], share, 0.0, 1.0 + share, sentence, ids)
+
+    def parts(self) -> list[Bool[Array, " M"]]:
+        """The smaller part of each way to part the set that a column tells, or an operator; what most tell is first."""
+        profile, of = self.measured[1], np.array(self.data.of_each("operator"))
+        level = np.log(profile.std(axis=1, keepdims=True) + 1e-9)
+        told = [*two_groups(np.concatenate([profile, level], axis=1).reshape(n := len(of), -1))]
+        told += [of == name for name in sorted({*of.tolist()})]
+        told = [rows if (rows.sum(), rows[0]) <= (n / 2, False) else ~rows for rows in told]
+        counts = Counter(rows.tobytes() for rows in told if rows.sum() > 1)
+        return [np.frombuffer(rows, dtype=bool) for rows, _ in counts.most_common(settings.MOST_PARTS)]
+
+    def told(self, rows: Bool[Array, " M"]) -> dict[int, tuple[str, str]]:
+        """What columns a part has otherwise: the kind, and what is seen; none unless all columns are as in the rest
+        once that is undone, and some that move are so as they are."""
+        profile, pairs, columns = self.measured[1], self.data.learned.tracked, self.columns
+        part, rest = ((p.mean(axis=0), p.var(axis=0) / len(p), motion_of(p)) for p in (profile[rows], profile[~rows]))
+        found, alike, moves = undone(part, rest, columns)
+        known = (self.data.measured[Wraps.measure][0] == 0).all(axis=0)
+        whole = (alike | ~known | np.isin(np.arange(len(known)), [*found])).mean()
+        units = np.mean([found.get(c, ("",))[0] == "unit" for c in range(len(known))])
+        few_alike = (alike & moves & known).sum() < 2
+        if units >= settings.MOST_UNITS:
+            return {c: way for c, way in found.items() if way[0] == "unit"}
+        if whole < 1 or few_alike:
+            return {}
+        own = dict(zip(pairs.action.tolist(), pairs.state.tolist(), strict=True))
+        other = {state: action for action, state in own.items()} | own if pairs.is_command else {}
+        found = {c: way for c, way in found.items() if known[c] and other.get(c, c) in found}  # else commands tell
+        own = {c: s for c, s in enumerate(columns.partner.tolist()) if columns.is_action[c] and s >= 0} | own
+        several = len({kind if "order" in kind else own.get(c, c) for c, (kind, _) in found.items()}) > 1
+        is_sure = several or (self.is_change(rows) and rows.sum() > 2)
+        kinds = {kind[:5] for kind, _ in found.values()}  # several together are two tasks
+        return (
+            found
+            if len(kinds) == 1 and (is_sure or kinds == {"unit"} or (kinds == {"moved"} and rows.sum() > 2))
+            else {}
+        )
 
     def is_change(self, rows: Bool[Array, " M"]) -> bool:
-        """Whether the set changes once, in order, and not with the task: else one column may differ by what is done."""
-        tasks = [self.data.tasks.get(str(name), "") for name in self.data.ids]
-        of_task = len({*tasks}) > 1 and not {*itertools.compress(tasks, rows)} & {*itertools.compress(tasks, ~rows)}
-        return bool((rows[1:] != rows[:-1]).sum() == 1 and not of_task)
-
-    def told(self) -> Iterator[tuple[str, Bool[Array, " M"], str, object]]:
-        """A column, some demonstrations, what of it is other there, and what it is evidence of."""
-        is_action, names, features = self.columns.is_action, self.columns.names, np.stack(self.measured[:3])
-        pairs, wraps = self.data.learned.tracked, (self.data.measured[Wraps.measure][0] > 0).sum(axis=0)
-        groups = [(c, two_groups(features[0, :, c])) for c in range(len(names)) if not wraps[c]]
-        commands = dict(zip(pairs.action.tolist(), pairs.state.tolist(), strict=True)) if pairs.is_command else {}
-        joints = {state: state for state in commands.values()} | commands
-        parts = [(c, rows) for c, rows in groups if rows is not None]
-        for (i, rows), (j, other) in itertools.combinations_with_replacement(parts, 2):
-            if not (rows == other).all() and not (rows != other).all():
-                continue
-            (u, x), (v, y) = (features[:, of][..., [i, j]].mean(axis=1).T for of in (rows, ~rows))
-            least = settings.ALIKE * np.abs(u - v).min()
-            if i == j and i in joints and np.abs(u + v).max() <= least:
-                yield names[i], rows, f"{names[i]} has another sign", joints[i]
-            if i != j and is_action[i] == is_action[j] and np.abs([u - y, v - x]).max() <= least:
-                yield names[i], rows, f"{names[i]} and {names[j]} are in another order", (bool(is_action[i]),)
+        """Whether the set changes once, in order, or with the operator, and not with the task: else one column may
+        differ by what is done."""
+        once = (rows[1:] != rows[:-1]).sum() == 1 or is_split(self.data.of_each("operator"), rows)
+        return bool(once and not is_split(self.data.of_each("task"), rows))
 
 
-def two_groups(values: Float[Array, " M"]) -> Bool[Array, " M"] | None:
-    """The larger ones of values that form two groups far apart; None where they do not."""
-    order = np.sort(values)
-    gaps = np.diff(order)
-    k = int(gaps.argmax()) + 1
-    parts = order[:k], order[k:]
-    apart = gaps[k - 1] > settings.APART * max(np.ptp(parts[0]), np.ptp(parts[1]))
-    return values >= order[k] if apart and min(map(len, parts)) >= 2 else None
+def is_split(words: list[str], rows: Bool[Array, " M"]) -> bool:
+    """Whether no word is that of demonstrations both in a part and out of it."""
+    return len({*words}) > 1 and not {*itertools.compress(words, rows)} & {*itertools.compress(words, ~rows)}
+
+
+def undone(
+    part: tuple[Array, ...], rest: tuple[Array, ...], columns: MeasuredColumns
+) -> tuple[dict[int, tuple[str, str]], Bool[Array, " C"], Bool[Array, " C"]]:
+    """By column, what makes a part like the rest: the kind, and what is seen; which columns are alike, and which move.
+    Given are means over parts of time, (K, C), the variances of these, and how far a demonstration goes."""
+    (u, x, own), (v, y, other) = part, rest
+    error, motion = settings.BY_CHANCE * np.sqrt(x + y), np.maximum(own, other)
+    apart, level = np.abs(u - v), np.maximum(np.abs(u), np.abs(v)).max(axis=0)
+    alike, moves = (apart <= error + settings.ALIKE * motion).all(axis=0), motion > error.min(axis=0)
+    weight = 1.0 / np.maximum(y, 1e-300)  # of the larger part, which is known best
+    by = ((u - v) * weight).sum(axis=0) / weight.sum(axis=0)
+    begins, ratio = apart[0] > error[0], (u * v).sum(axis=0) / np.maximum((v**2).sum(axis=0), 1e-300)
+    ways: list[tuple[str, str, Array, float, Array, Array]] = [("sign", "has another sign", -v, 1.0, level, begins)]
+    for times in (*settings.UNITS, 100.0):
+        for way, word in ((times, "larger"), (1.0 / times, "smaller")):
+            is_own = np.abs(np.log(np.maximum(ratio / way, 1e-9))) < settings.SAME_UNIT
+            ways.append(("unit", f"is {times:.3g} times {word}", way * v, way, own, is_own))
+    alike_far = moves & (np.maximum(own, other) < 2.0 * np.minimum(own, other))
+    far = alike_far & (apart > error).all(axis=0) & (np.abs(by) > 2.0 * settings.ALIKE * motion)
+    ways += [("moved", "is {} throughout", v + by, 1.0, motion, far)]
+    ways += [("turned", "goes the other way", np.median(u + v, axis=0) - v, 1.0, motion, begins & alike_far)]
+    found: dict[int, tuple[str, str]] = {}
+    for kind, said, target, way, size, is_own in ways:
+        slack = settings.BY_CHANCE * np.sqrt(x + way**2 * y) + settings.ALIKE * size
+        for c in np.flatnonzero(is_own & ~alike & (np.abs(u - target) <= slack).all(axis=0)).tolist():
+            moved = f"{abs(by[c]):.3g} {'higher' if by[c] > 0 else 'lower'}"
+            found.setdefault(c, (kind, f"{columns.names[c]} {said.format(moved)}"))
+    for is_action in (False, True):
+        at = np.flatnonzero(~alike & (columns.is_action == is_action))
+        slack = settings.BY_CHANCE * np.sqrt(x[:, at, None] + y[:, None, at]) + settings.ALIKE * motion[at]
+        fits = (np.abs(u[:, at, None] - v[:, None, at]) <= slack).all(axis=0)
+        if len(at) > 1 and (fits.sum(axis=0) == 1).all() and (fits.sum(axis=1) == 1).all():
+            names = " and ".join(columns.names[c] for c in at)
+            found |= {int(c): (f"order {is_action}", f"{names} are in another order") for c in at}
+    return found, alike, moves
+
+
+def motion_of(profile: Float[Array, "M K C"]) -> Float[Array, " C"]:
+    """How far each column goes in the median demonstration."""
+    return np.asarray(np.median(np.ptp(profile, axis=1), axis=0))
+
+
+def two_groups(values: Float[Array, "M F"]) -> Iterator[Bool[Array, " M"]]:
+    """The larger ones of the values of each feature that form two groups far apart, of two or more each, and the later
+    ones where a feature changes at some place more than by chance."""
+    m, columns = len(values), np.arange(values.shape[1])
+    order = np.sort(values, axis=0)
+    k = np.diff(order, axis=0).argmax(axis=0) + 1
+    low, high = order[k - 1, columns], order[k, columns]
+    apart = high - low > settings.APART * np.maximum(low - order[0], order[-1] - high)
+    apart &= (k > 1) & (k < m - 1)
+    yield from (values[:, apart] >= high[apart]).T
+    off, n = values - values.mean(axis=0), np.arange(1, m)[:, None]
+    between = np.cumsum(off, axis=0)[:-1] ** 2 * m / (n * (m - n))  # the sum of squares that a change explains
+    within = (off**2).sum(axis=0) - between
+    between[[0, -1]] = 0.0
+    at = between.argmax(axis=0)
+    is_change = between[at, columns] > settings.CHANGE / max(m - 2, 1) * np.maximum(within[at, columns], 1e-300)
+    yield from (np.arange(m)[:, None] > at[is_change]).T

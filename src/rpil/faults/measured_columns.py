@@ -35,7 +35,7 @@ class MeasuredColumns:
     """Standard deviation of its noise, by its third differences, to which smooth motion adds little."""
     motion: float = 1.0  # median of the steps that have any, see `motion_of`
     quaternions: Mapping[int, Float[Array, " 4"]] = field(default_factory=dict)
-    """The first of four observations that are one, and a rotation whose sign the others take: q and -q are the same."""
+    """The first of four columns that are one, and a rotation whose sign the others take: q and -q are the same."""
     partner: Int[Array, " C"] = field(default_factory=lambda: np.zeros(0, dtype=int))
     """The action that goes with an observation, or the observation with an action; -1 where none does."""
 
@@ -173,6 +173,8 @@ def learn_columns(sample: Block, numbers: Int[Array, " M"], labels: tuple[str, .
         sample, numbers = _chosen(sample, recorded), numbers[recorded]
     names, ones = tuple(labels[k] for k in number), np.ones(len(number))
     turns = _quaternions(sample.observations[:, :width])
+    if sample.actions.ndim == 2:
+        turns |= {n_observations + k: towards for k, towards in _quaternions(sample.actions).items()}
     columns = MeasuredColumns(names, number, number >= n_observations, ones, ones, ones, ones, quaternions=turns)
     moving = MovingBlock.of(sample, numbers, columns)
     scale = np.array([_median_or_one(moved[moved > 0]) for moved in moving.size])
@@ -214,7 +216,9 @@ def _turn(values: Float[Array, " T"], change: Float[Array, " T"], size: Float[Ar
 
 def _signs(block: Block, first: int, towards: Array) -> Float[Array, " T"]:
     """1 or -1 for each step: with it, a quaternion goes on from the step before, and begins near `towards`."""
-    turned = block.observations[:, first : first + 4].astype(np.float64)
+    n = block.observations.shape[1]
+    own, first = (block.observations, first) if first < n else (block.actions, first - n)
+    turned = own[:, first : first + 4].astype(np.float64)
     before = np.roll(turned, 1, axis=0)
     before[block.offsets[:-1]] = towards
     same = np.where((turned * before).sum(axis=1) < 0, -1.0, 1.0)
@@ -223,14 +227,14 @@ def _signs(block: Block, first: int, towards: Array) -> Float[Array, " T"]:
     return sign * np.repeat(sign[block.offsets[:-1]] * same[block.offsets[:-1]], lengths)
 
 
-def _quaternions(observations: Array) -> dict[int, Array]:
+def _quaternions(values: Array) -> dict[int, Array]:
     """The first of each four columns of length 1 that turn, with their first values."""
     found: dict[int, Array] = {}
-    size = observations.astype(np.float64) ** 2
-    for k in range(observations.shape[1] - 3):
+    size = values.astype(np.float64) ** 2
+    for k in range(values.shape[1] - 3):
         is_free = k >= max(found, default=-4) + 4
         if is_free and np.allclose(size[:, k : k + 4].sum(axis=1), 1.0, atol=1e-3) and size[:, k : k + 4].std() > 0:
-            found[k] = observations[0, k : k + 4]
+            found[k] = values[0, k : k + 4]
     return found
 
 
@@ -253,6 +257,13 @@ def changes(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> Float[Arr
     change = np.diff(values, axis=1, prepend=values[:, :1])
     change[:, offsets[:-1]] = 0.0
     return change
+
+
+def part_means(values: Float[Array, "C T"], offsets: Int[Array, " _"], n: int) -> Float[Array, "M K C"]:
+    """Means over `n` parts of each demonstration, one after the other in time."""
+    firsts = offsets[:-1, None] + (np.arange(n) * np.diff(offsets)[:, None]) // n
+    widths = np.maximum(np.diff(firsts, append=offsets[1:, None]).ravel(), 1)
+    return np.ascontiguousarray((np.add.reduceat(values, firsts.ravel(), axis=1) / widths).T).reshape(*firsts.shape, -1)
 
 
 def means(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> Float[Array, "M C"]:

@@ -15,7 +15,7 @@ from rpil.numerics.types import Array
 class Leap(ComparingRule):
     """Larger than usual, than the usual largest change, and than a share of the column's spread."""
 
-    causes: tuple[str, ...] = ("length",)
+    causes: tuple[str, ...] = ("length", "two units")
 
     def compare(self) -> Compared:
         columns, self.names = self.columns, self.columns.names
@@ -58,7 +58,7 @@ class Spike(Leap):
 
 class Jump(Leap):
     name, words = "jump", "a column jumps from one step to the next and stays there"
-    causes = ("length", "frozen sensor", "frozen action", "saturation", "two episodes")
+    causes = ("length", "frozen sensor", "frozen action", "saturation", "two episodes", "two units")
     sentence = "{column} jumps by {value:.3g} at {last} (usual: up to {threshold:.3g})"
     sentence_of_all = "all columns jump at once at {last}: perhaps frames are missing"
 
@@ -101,7 +101,7 @@ class Jump(Leap):
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
         """At the ends of frozen and saturated stretches."""
-        if cause.rule in ("length", "two episodes"):
+        if cause.rule in ("length", "two episodes", "two units"):
             return super().follows(fault, cause)
         return fault.column == cause.column and fault.last in (cause.first, cause.last + 1)
 
@@ -159,7 +159,7 @@ class Scale(ComparingRule):
 
     name, words = "scale", "a column and its changes are many times larger, or smaller, than usual"
     sentence = "{column} and its changes are {times} than usual: perhaps another unit, perhaps {motion}"
-    causes = ("length",)
+    causes = ("length", "two units")
     takes_steps = True
 
     @staticmethod
@@ -189,7 +189,7 @@ class Scale(ComparingRule):
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
         """A demonstration that is cut off, or rests for long, has small values and changes in the mean."""
-        return fault.value < 1
+        return fault.value < 1 or cause.rule == "two units"
 
 
 class Wraps(ComparingRule):

@@ -16,7 +16,7 @@ from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, read_json
 from rpil.data.text import counted, one_line, printable
 from rpil.faults import command_rules, conventions, motion, recorded, settings, still, whole_rules  # noqa: F401  their rules
-from rpil.faults.rule import Fault, Rule, in_words
+from rpil.faults.rule import Fault, Grouping, Rule, in_words
 from rpil.formats import write_columns
 
 OF_AUDIT = {
@@ -33,7 +33,8 @@ _OF_RECORDINGS = (
     "missing values, frame count, dropped frames, repeated frames, frozen sensor, frozen action, saturation, spike, "
     "jump, scale, lag, sign, exchanged, offset, shifted action, reversed, frame rate, next state, two episodes, "
     "never moves, idle head, idle tail, duplicate, length, action is state, wraps, pause, constant, "
-    "outside range, two conventions"
+    "outside range, two conventions, two units, constant state, "
+    "unrelated"
 )
 _OF_FOLDERS = "timestamps, totals, episode table, statistics, metadata, missing episodes, named files"
 _OF_VIDEOS = (
@@ -91,7 +92,7 @@ class FaultReport:
     set_aside: tuple[Id, ...] = ()
     n_expected: int = 0
     ids: tuple[Id, ...] = ()
-    tasks: Mapping[str, str] = field(default_factory=dict)
+    groups: Grouping = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "findings", tuple(sorted(self.findings, key=lambda found: found.order)))
@@ -114,7 +115,7 @@ class FaultReport:
             alike = len({found.column for found in inside}) == 1
             is_same = len({found.sentence for found in inside}) == 1
             worst_in = "" if is_same else f", the worst in {printable(worst.id)}"
-            sentence = f"{in_words(where, self.ids, self.tasks)}{worst_in}: {worst.sentence}"
+            sentence = f"{in_words(where, self.ids, self.groups)}{worst_in}: {worst.sentence}"
             lines += [found for found in same if found.id == ""]
             lines.append(replace(worst, id="", column=worst.column * alike, sentence=sentence, ids=where))
         return tuple(sorted(lines, key=lambda found: found.order))

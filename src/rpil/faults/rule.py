@@ -20,7 +20,7 @@ from rpil.data.text import counted, duration, listed, moment, one_line, printabl
 from rpil.faults import settings
 from rpil.faults.lag import Pair, find_lag
 from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, pilot
-from rpil.faults.tracking import Tracked, find_tracked
+from rpil.faults.tracking import Tracked, are_strangers, find_tracked
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Int
 
@@ -76,20 +76,23 @@ class Fault:
         return {"grade": self.grade} | asdict(self) | {"severity": severity, "ids": [*self.ids]}
 
 
+Grouping = Mapping[str, Mapping[str, str]]
+"""The task, and the operator, of each demonstration, by its id as text."""
+
 MAX_NAMED = 60  # demonstrations, in a finding about several
 
 
-def in_words(names: Sequence[Id], every: Sequence[Id], tasks: Mapping[str, str]) -> str:
-    """How many of the demonstrations these are, and which: those of a task, the last ones, or by their ids."""
+def in_words(names: Sequence[Id], every: Sequence[Id], groups: Grouping) -> str:
+    """How many of the demonstrations these are, and which: those of a task or an operator, the last ones, or by ids."""
     n, place = len(names), {name: m for m, name in enumerate(every)}
     if n == len(every):
         return f"all of {counted(n, 'demonstration')}"
     rows = [place[name] for name in names]
-    those = {tasks.get(str(name), "") for name in names}
-    others = {tasks.get(str(name), "") for name in every if name not in {*names}}
-    said = f"{n:,} of {len(every):,} demonstrations"
-    if not those & others and len(those) == 1:
-        return f"{said}, those of the task {printable(min(those))!r}"
+    said, rest = f"{n:,} of {len(every):,} demonstrations", {*every} - {*names}
+    for kind, of in groups.items():
+        those, others = ({of.get(str(name), "") for name in part} for part in (names, rest))
+        if not those & others and len(those) == 1:
+            return f"{said}, those of the {kind} {printable(min(those))!r}"
     if rows[-1] - rows[0] == n - 1 and n > 1:
         shown = f"from {names[0]} on" if rows[-1] == len(every) - 1 else f"{names[0]} to {names[-1]}"
         return f"{said}, {one_line(shown)}"
@@ -104,6 +107,8 @@ class Learned:
     pairs: tuple[Pair, ...]
     tracked: Tracked
     action_labels: tuple[str, ...]
+    same: dict[int, str]  # observations that stay the same in the sample, and their labels
+    are_strangers: bool  # see `rpil.faults.tracking.are_strangers`
 
     @classmethod
     def of(cls, demonstrations: Demonstrations | Dataset) -> Learned:
@@ -112,8 +117,13 @@ class Learned:
         labels = column_labels(demonstrations)
         sample = learn_columns(block, numbers, labels)
         pairs, partner = find_lag(sample, settings.MAX_LAG)
-        columns = replace(sample.columns, partner=partner)
-        return cls(columns, pairs, find_tracked(sample), labels[demonstrations.n_observations :])
+        tracked = find_tracked(sample)
+        if tracked.is_command:
+            partner[tracked.action], partner[tracked.state] = tracked.state, tracked.action
+        states = block.observations[:, : settings.MOST_COLUMNS]
+        same = {k: labels[k] for k in np.flatnonzero(states.min(axis=0) == states.max(axis=0)).tolist()}
+        labels = labels[demonstrations.n_observations :]
+        return cls(replace(sample.columns, partner=partner), pairs, tracked, labels, same, are_strangers(sample))
 
 
 GRADES = "broken", "suspect", "odd"
@@ -132,7 +142,7 @@ class Measurements:
     ids: tuple[Id, ...]
     lengths: Int[Array, " M"]
     seconds: float | None  # between two frames, if that is known
-    tasks: Mapping[str, str] = field(default_factory=dict)  # by ids as text
+    groups: Grouping = field(default_factory=dict)
 
     @cached_property
     def lacking(self) -> dict[str, str]:
@@ -148,6 +158,10 @@ class Measurements:
             "several": (len(self.ids) < least, f"it takes {least} demonstrations to know what is usual"),
         }
         return {need: reason for need, (is_lacking, reason) in reasons.items() if is_lacking}
+
+    def of_each(self, kind: str) -> list[str]:
+        """The task, or the operator, of each demonstration; "" where it is not known."""
+        return [self.groups.get(kind, {}).get(str(name), "") for name in self.ids]
 
     def in_steps(self, steps: int) -> str:
         """Steps in words, with their time where it is known."""

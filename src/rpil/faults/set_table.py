@@ -20,7 +20,10 @@ from rpil.faults.still import idle_runs
 from rpil.formats.recording import Recording
 from rpil.numerics.types import Array, Float
 
-HEADER = ("action", "range", "at limits", "constant", "wraps", "lag", "tracking error")
+FORMS = {"rate": "{:.4g} a second", "spread of first states": "{:.2f} of the spread of all"} | dict.fromkeys(
+    ("idle share", "contradicting actions", "successes", "at limits"), "{:.0%}"
+)
+"""How numbers are printed; others as they are, or with four digits."""
 IDLE_ENDS = "rpil check {} --format json lists the steps to keep under trims"
 MENDS = {"idle head": IDLE_ENDS, "idle tail": IDLE_ENDS, "missing episodes": "rpil keep {} -o {} numbers them anew"}
 """The command that mends the findings of a rule; of others, `rpil keep` without the demonstrations."""
@@ -30,20 +33,22 @@ SAY_THEMSELVES = ("two conventions", "wraps", "action is state", "constant")
 
 @dataclass(frozen=True)
 class SetTable:
-    """Facts of the set by name, a row for each action, and lines of what stops a training with what mends it."""
+    """Facts of the set, and of each action, by name; None and False where there are none. And lines of what stops a
+    training with what mends it."""
 
-    facts: dict[str, str]
-    actions: list[tuple[str, ...]]
+    facts: dict[str, object]
+    actions: list[dict[str, object]]
     stumbles: list[str]
 
     def to_dict(self) -> dict[str, object]:
-        """As plain text."""
-        rows = [dict(zip(HEADER, row, strict=True)) for row in self.actions]
-        return {"set": self.facts, "actions": rows, "stumbles": self.stumbles}
+        """As plain numbers and text."""
+        return {"set": self.facts, "actions": self.actions, "stumbles": self.stumbles}
 
     def panels(self) -> list[list[tuple[str, ...]]]:
         """The rows of a table of the set, and of one of its actions where these are numbers, their headers first."""
-        return [[("of the set", ""), *self.facts.items()], *([HEADER, *self.actions],) * bool(self.actions)]
+        facts = [(name, in_text(name, value) or "unknown") for name, value in self.facts.items()]
+        rows = [tuple(map(in_text, row, row.values())) for row in self.actions]
+        return [[("of the set", ""), *facts], *([tuple(self.actions[0]), *rows] for _ in self.actions[:1])]
 
     def lines(self) -> list[str]:
         """In Markdown, for a terminal and for a dataset card."""
@@ -65,45 +70,51 @@ def set_table(recording: Recording, report: FaultReport, path: str) -> SetTable:
     block, numbers = pilot(data)
     moving = MovingBlock.of(block, numbers, learned.columns)
     lengths = np.diff(block.offsets)
-    facts = {
-        "episodes": f"{len(data):,}",
-        "steps": f"{data.n_steps:,} ({data.lengths.min():,} to {data.lengths.max():,} an episode)",
-        "rate": f"{told.fps:.4g} a second" if told.fps else "unknown",
-        "cameras": f"{recording.origin.metadata.n_cameras:,}",
+    facts: dict[str, object] = {
+        "episodes": len(data),
+        "steps": data.n_steps,
+        "shortest": int(data.lengths.min()),
+        "longest": int(data.lengths.max()),
+        "rate": told.fps,
+        "cameras": recording.origin.metadata.n_cameras,
     }
     if block.actions.ndim == 2:
         head, tail, _, middle, *_ = idle_runs(moving, learned.tracked.is_command)
         idle = head + tail + middle
-        facts["idle share"] = f"{100 * np.minimum(idle, lengths).sum() / lengths.sum():.0f} %"
+        facts["idle share"] = float(np.minimum(idle, lengths).sum() / lengths.sum())
     if len(learned.columns.names) and len(lengths) > 1:
         states = moving.values[~learned.columns.is_action] / learned.columns.spread[~learned.columns.is_action, None]
-        spread = np.median(states[:, block.offsets[:-1]].std(axis=1)) if len(states) else np.nan
-        facts["spread of first states"] = f"{spread:.2f} of the spread of all"
-        facts["contradicting actions"] = (
-            f"{100 * contradicting(states, block):.0f} % of steps near one of another episode"
-        )
+        spread = float(np.median(states[:, block.offsets[:-1]].std(axis=1))) if len(states) else None
+        facts |= {"spread of first states": spread, "contradicting actions": contradicting(states, block)}
     for name, values in zip(recording.facts.outcome_names, recording.facts.outcomes, strict=True):
         if np.isin(values[~np.isnan(values)], (0, 1)).all():
-            facts[f"successes, {name}"] = f"{100 * np.nanmean(values):.0f} % of episodes"
+            facts[f"successes, {name}"] = float(np.nanmean(values))
     rows = [] if block.actions.ndim == 1 else _actions(block, moving, learned)
     return SetTable(facts, rows, _stumbles(report, path))
 
 
-def _actions(block: Block, moving: MovingBlock, learned: Learned) -> list[tuple[str, ...]]:
-    """A row for each action; lag and tracking error where it is the command of a state."""
+def in_text(name: str, value: object) -> str:
+    """A fact for a table; "" where there is none."""
+    if value is None or isinstance(value, str | bool):
+        return value if isinstance(value, str) else name * bool(value)
+    return FORMS.get(name.partition(", ")[0], "{:,}" if isinstance(value, int) else "{:.4g}").format(value)
+
+
+def _actions(block: Block, moving: MovingBlock, learned: Learned) -> list[dict[str, object]]:
+    """Facts of each action; lag and tracking error where it is the command of a state."""
     measured, pairs, columns = CommandRule.measure(moving, learned), learned.tracked, learned.columns
-    rows: list[tuple[str, ...]] = []
+    rows: list[dict[str, object]] = []
     for a, label in enumerate(learned.action_labels):
         own = block.actions[:, a].astype(float)
         low, high = float(own.min()), float(own.max())
         c = columns.names.index(label) if label in columns.names else -1
         p = [int(k) for k in np.flatnonzero((pairs.action == c) & pairs.fits)] if pairs.is_command else []
-        error = f"{np.median(measured[7][:, p] - measured[5][:, p]) / settings.GAP_WIDTH:.3g}" if p else ""
-        lags = [pair.lag for pair in learned.pairs if pair.action == c]
-        lag = str(pairs.lag) if p else str(lags[0]) if lags else ""
-        limits = f"{100 * np.mean((own == low) | (own == high)):.0f} %" if high > low else ""
-        turn = f"by {moving.turn[c]:.4g}" if c >= 0 and moving.turn[c] else ""
-        rows.append((label, f"{low:.4g} to {high:.4g}", limits, "constant" if low == high else "", turn, lag, error))
+        error = float(np.median(measured[7][:, p] - measured[5][:, p]) / settings.GAP_WIDTH) if p else None
+        lag = next((pair.lag for pair in learned.pairs if pair.action == c), None)
+        limits = float(np.mean((own == low) | (own == high))) if high > low else None
+        turn = float(moving.turn[c]) or None if c >= 0 else None
+        row = {"action": label, "low": low, "high": high, "at limits": limits, "constant": low == high}
+        rows.append(row | {"wraps": turn, "lag": pairs.lag if p else lag, "tracking error": error})
     return rows
 
 

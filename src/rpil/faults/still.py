@@ -21,7 +21,7 @@ from rpil.numerics.types import Array, Bool, Float, Int, Shaped
 
 class HeldValue(ComparingRule):
     sentence = "{column} stays at {at} for {long} from {first} while others move (usual: up to {most})"
-    causes = ("length", "idle tail", "pause", "two episodes")
+    causes = ("length", "idle tail", "pause", "two episodes", "two units")
     kinds: tuple[bool, ...] = (False, True)  # whether the columns that the rule is about are actions
     is_extreme = False
 
@@ -30,7 +30,7 @@ class HeldValue(ComparingRule):
         """Of the run of one value that has most steps in motion: the number of these, its first step, its length and
         the value; and the lowest and the highest value. A column rests with its partner, as a hand that is closed:
         steps count in which that changes. Then from where on no observation changes, and in how many steps the action
-        does."""
+        does; and how far the partner is from the value as the run begins, and at most in it."""
         values, offsets, changed, partner = block.values, block.offsets, block.size > 0, block.columns.partner
         counts = block.moves & np.where(partner[:, None] < 0, True, changed[partner])
         still, first, length = longest_runs(changed, counts, offsets)
@@ -40,7 +40,12 @@ class HeldValue(ComparingRule):
         together, acts = changed[is_state].any(axis=0, keepdims=True), changed[~is_state].any(axis=0, keepdims=True)
         n, since, every = (x[:, 0] for x in longest_runs(np.asarray(together), np.asarray(acts), offsets))
         ends = (since > 0) & (since + every == np.diff(offsets)) & (n >= settings.STILL_SHARE * np.diff(offsets))
-        return still, first, length, at, low, high, since, n * (ends & (is_state.sum() > 1))
+        n = n * (ends & (is_state.sum() > 1))
+        starts = (first + offsets[:-1, None]).T + values.shape[1] * np.maximum(partner, 0)[:, None]  # (C, M)
+        bounds, flat = np.stack([starts, starts + length.T], axis=2).ravel(), np.append(values, 0.0)
+        most, least = (of.reduceat(flat, bounds)[::2].reshape(starts.shape).T for of in (np.maximum, np.minimum))
+        far = np.abs(flat[starts].T - at), np.maximum(most - at, at - least)
+        return still, first, length, at, low, high, since, n, *far
 
     def compare(self) -> Compared:
         chosen = np.isin(self.columns.is_action, self.kinds)
@@ -53,10 +58,25 @@ class HeldValue(ComparingRule):
         value = np.where(is_own, still, 0)
         moving, partner = self.columns.moving, self.columns.partner
         moving = np.where(partner < 0, moving, moving[partner])[chosen]
-        return above(value, np.where(moving >= settings.MOVING_SHARE, limit, np.inf))
+        value, limit, severity = above(value, np.where(moving >= settings.MOVING_SHARE, limit, np.inf))
+        self.goes_on = np.zeros(still.shape, dtype=bool)
+        if (pairs := self.data.learned.tracked).is_command and not self.is_extreme:
+            begins, far = (of_each[:, chosen] for of_each in self.measured[8:])
+            least = settings.LEAST_USUAL_GAP * self.columns.spread[chosen] + settings.ERRORS * begins
+            stays = (self.first > 0) & np.isin(np.flatnonzero(chosen), [pairs.action, pairs.state])
+            stays &= length >= np.maximum(settings.STILL_SHARE * self.data.lengths[:, None], settings.MIN_FROZEN)
+            leaves = stays & is_own & (far > least)
+            self.goes_on = leaves | (stays & (leaves.sum(axis=0) >= settings.MOST_FEW * len(leaves)))
+            self.goes_on &= ~(severity > 1.0)
+            limit, severity = np.where(self.goes_on, settings.MIN_FROZEN, limit), np.where(self.goes_on, 2.0, severity)
+        return value, limit, severity
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        return super().say(fault, m, c, at=f"{self.at[m, c]:.4g}" if fault.column else "")
+        said = super().say(fault, m, c, at=f"{self.at[m, c]:.4g}" if fault.column else "")
+        if fault.column and self.goes_on[m, c]:
+            chosen = self.columns.partner[self.columns.names.index(fault.column)]
+            return f"{said.split(' while')[0]} while {self.columns.names[chosen]} goes on"
+        return said
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
@@ -73,7 +93,7 @@ class FrozenSensor(HeldValue):
     kinds = (False,)
 
     def compare(self) -> Compared:
-        of_columns, (first, n) = super().compare(), self.measured[-2:]
+        of_columns, (first, n) = super().compare(), self.measured[6:8]
         of_all = n, settings.MIN_FROZEN, np.where(n >= settings.MIN_FROZEN, n, 0) / 6.0
         return self.with_all(of_columns, of_all, first, first + n)
 
@@ -92,6 +112,7 @@ class Saturation(HeldValue):
 class NeverMoves(ComparingRule):
     name, words = "never moves", "a column does not move, and in the others it does"
     sentence = "{column} does not move, and in the others it does"
+    causes = ("two units",)
     takes_steps = True
 
     @staticmethod

@@ -12,7 +12,7 @@ from rpil.data.text import counted, duration
 from rpil.faults import settings
 from rpil.faults.command_rules import CommandRule
 from rpil.faults.lag import shifts
-from rpil.faults.measured_columns import MovingBlock
+from rpil.faults.measured_columns import MovingBlock, part_means
 from rpil.faults.motion import Scale
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, Measurements, Rule, above
 from rpil.faults.still import few, idle_runs
@@ -117,7 +117,7 @@ class Sign(ComparingRule):
     name, words = "sign", "an action, or the state that follows it, has the other sign than usual"
     sentence = "{column}, or what follows it, has the other sign"
     needs = ("lag", "several")
-    causes = ("never moves",)
+    causes = ("never moves", "unrelated")
     takes_steps = True
     measure = OtherLag.measure
 
@@ -155,21 +155,13 @@ class FrameRate(CommandRule):
 
 class Duplicate(Rule):
     name, words = "duplicate", "another demonstration is the same, or nearly"
-    causes = ("never moves",)
+    causes = ("never moves", "two units")
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """A hash; and means over parts of each demonstration, seen from some directions, and the logarithm of its
-        length."""
-        offsets, lengths, spread = block.offsets, np.diff(block.offsets), block.columns.spread
-        directions = np.random.default_rng(0).normal(size=(settings.DIRECTIONS, len(spread)))
-        directions /= spread
-        firsts = offsets[:-1, None] + (np.arange(settings.PARTS) * lengths[:, None]) // settings.PARTS
-        widths = np.diff(firsts, append=offsets[1:, None]).ravel()
-        means = np.add.reduceat(directions @ block.values, firsts.ravel(), axis=1) / np.maximum(widths, 1)
-        parts = np.ascontiguousarray(means.T).reshape(len(lengths), -1)
-        signatures = np.column_stack([parts, settings.LENGTH_WEIGHT * np.log(lengths)])
-        return digests(block.block.observations, block.block.actions, offsets), signatures
+        """A hash; and means over parts of each demonstration, (M, K, C)."""
+        digest = digests(block.block.observations, block.block.actions, block.offsets)
+        return digest, part_means(block.values, block.offsets, settings.PARTS)
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
@@ -178,7 +170,10 @@ class Duplicate(Rule):
 
     @classmethod
     def find(cls, data: Measurements) -> Iterator[Fault]:
-        digest, signatures = data.measured[cls.measure]
+        (digest, profile), spread = data.measured[cls.measure], data.learned.columns.spread
+        directions = np.random.default_rng(0).normal(size=(settings.DIRECTIONS, len(spread))) / spread
+        seen = (profile @ directions.T).reshape(len(profile), -1)
+        signatures = np.column_stack([seen, settings.LENGTH_WEIGHT * np.log(data.lengths)])
         are_measured = bool(data.learned.columns.names)
         first = Copies.of(digest).copy_of
         is_copy = (first < np.arange(len(first))) & (are_measured | (data.lengths >= settings.MIN_DUPLICATE))
@@ -222,6 +217,7 @@ def near_limit(distance: Array) -> float:
 
 
 class IdleEnd(ComparingRule):
+    causes = ("two units",)
     part = 0  # of the beginning, 0, the end, 1, or between, 2
 
     @staticmethod
