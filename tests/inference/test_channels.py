@@ -10,7 +10,16 @@ from scipy.stats import norm
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
-from rpil.inference.channels import CHANNELS, StateScale, channels, columns_of, components, normal_scores, summaries
+from rpil.inference.channels import (
+    CHANNELS,
+    StateScale,
+    channels,
+    columns_of,
+    components,
+    normal_scores,
+    own_log_prob,
+    summaries,
+)
 from rpil.inference.settings import AnswerSettings, ChannelSettings
 from rpil.numerics.regression import ErrorSettings, student_log_densities
 
@@ -32,7 +41,8 @@ def data_of(states=STATES, actions=ACTIONS, offsets=OFFSETS) -> FitData:
 def described(data, actions=None, states=None):
     states = states or StateScale.of(data, SETTINGS)
     actions = np.asarray(data.actions if actions is None else actions, dtype=float)
-    found = channels(data, np.arange(float(data.n_demonstrations)), LOG_PROB, LOG_RATIO, actions, states, ERRORS)
+    own = own_log_prob(data, actions, ERRORS)
+    found = channels(data, np.arange(float(data.n_demonstrations)), LOG_PROB, LOG_RATIO, actions, own, states)
     return dict(zip(CHANNELS, found.T, strict=True))
 
 

@@ -32,7 +32,8 @@ def judged(request):
 def test_fitted_judge_gives_the_signs_of_the_judgement(judged):
     data, judgement, kept, (log_prob, log_ratio, measure) = judged
     assert measure is (log_ratio if data.space.kind == "discrete" else log_prob)
-    score, _ = kept.score(data, measure, SETTINGS)
+    own = own_log_prob(data, kept.ratio.indicators(data.actions), SETTINGS.held_out.errors)
+    score, _ = kept.score(data, measure, own, SETTINGS)
     np.testing.assert_allclose(score, judgement.scores.score, atol=0.3 * np.ptp(judgement.scores.score))
     np.testing.assert_array_equal(kept.groups.upper(score, judgement.scores.variance), judgement.log_odds > 0)
     np.testing.assert_allclose(data.mean_steps(log_ratio), data.mean_steps(judgement.log_ratio), atol=0.5)
@@ -47,6 +48,6 @@ def test_a_demonstration_that_holds_still_scores_lower_by_how_predictable_it_is(
         data, actions=np.where(data.per_step(np.arange(data.n_demonstrations) == 3)[:, None], 0.0, data.actions)
     )
     own = own_log_prob(still, kept.ratio.indicators(still.actions), SETTINGS.held_out.errors)
-    lost = data.mean_steps(log_prob) - kept.score(still, log_prob, SETTINGS)[0]
+    lost = data.mean_steps(log_prob) - kept.score(still, log_prob, own, SETTINGS)[0]
     np.testing.assert_allclose(lost, np.maximum(own - kept.typical_own, 0.0) / 3, atol=1e-9)
     assert lost[3] > 1.0 > np.median(lost)

@@ -50,7 +50,7 @@ def trusted(gains, monkeypatch, outlier=NOBODY, score=None, n=10, ridge=1e-2, **
     found = two_parts(data, scores, outlier, settings)
     assert set(ridges) == {ridge or 1e-4}  # the policy of a user has none: the weakest
     of_parts = replace(settings.held_out, max_left_out=0, tol=settings.parts.tol)
-    assert asked == [(data, of_parts)] * 2  # the fits of each part begin at its own
+    assert asked == [(data, of_parts)]
     return found.tolist()
 
 

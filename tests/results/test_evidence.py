@@ -62,7 +62,7 @@ def judged(discrete: bool) -> tuple[Judgement, FitData]:
 @pytest.mark.parametrize("discrete", [False, True])
 def test_the_parts_sum_to_the_log_ratios_of_the_judge_less_those_of_the_median_of_the_rest(discrete: bool) -> None:
     judgement, data = judged(discrete)
-    compared = by_held_out_policies(judgement, data, None, HeldOutSettings())
+    compared = by_held_out_policies(judgement, held_out_model(data, HeldOutSettings()), None, HeldOutSettings())
     less = judgement.log_ratio - compared.nats.sum(axis=1)
     # The errors of the rest have another scale than those of the demonstrations that taught the policies.
     assert np.ptp(less) < (1e-9 if discrete else 0.02 * np.ptp(judgement.log_ratio))
@@ -100,7 +100,7 @@ def test_the_band_holds_nine_in_ten_steps_where_policies_learn_their_own_steps_b
     actions, box = rng.normal(size=(300, 1)), Box(np.full(1, -9.0), np.full(1, 9.0))
     data = FitData(features, actions, np.arange(0, 301, 12), box, np.zeros(25, dtype=int))
     judgement = judge(data, held_out_model(data, HeldOutSettings()), JudgeSettings())
-    compared = by_held_out_policies(judgement, data, None, HeldOutSettings())
+    compared = by_held_out_policies(judgement, held_out_model(data, HeldOutSettings()), None, HeldOutSettings())
     learned = actions - features @ np.linalg.lstsq(features, actions, rcond=None)[0]
     true = 2 * 1.645
     assert np.diff(np.quantile(learned, [0.05, 0.95]))[0] < 0.9 * true

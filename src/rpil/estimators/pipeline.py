@@ -23,7 +23,7 @@ from rpil.data.spaces import Space
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Task
 from rpil.inference.answers import check_copied_labels
-from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
+from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, HeldOutRidge, HeldOutSoftmax, held_out_model
 from rpil.inference.parts import judged_parts
 from rpil.inference.trust import Judgement, judge, repeated
 from rpil.numerics.types import Array
@@ -164,6 +164,8 @@ class FitResult:
     """Objective of the mixture, or mean held-out log-likelihood of a step of the training group, in nats."""
     converged: bool = True
     judgement: Judgement | None = None
+    linear: HeldOutSoftmax | HeldOutRidge | None = None
+    """Held-out linear policies, where the judge decided and read them."""
 
 
 def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> FitResult:
@@ -229,9 +231,10 @@ class FullFit:
     def decide(self, posed: JudgeInput) -> FitResult:
         """The decision of the judge about all demonstrations, with the answers that were given."""
         task, options, copies, judge_settings = self.task, self.options, posed.copies, self.options.settings.judge
-        data, learner = posed.data, options.linear_data(posed) if self.keeps_policy else None
+        linear = held_out_model(options.linear_data(posed), judge_settings.held_out)
+        data, learner = posed.data, linear.data if self.keeps_policy else None
         with_prior = replace(judge_settings, parts=replace(judge_settings.parts, prior=options.settings.mixture.prior))
-        model: HeldOutModel = held_out_model(data, judge_settings.held_out)
+        model: HeldOutModel = linear
         if options.policy is not None:
             model = HeldOutPolicy(data, options.cross_fitted(data.space, len(data.actions)), judge_settings.held_out)
         judgement, data, sample = self.extend(posed, judge(data, model, with_prior, options.progress, learner))
@@ -241,7 +244,7 @@ class FullFit:
         audit = audit_from_judgement(told, data, task.source.ids, task.answers, settings)
         notes = *audit.notes, *parts_not_judged(posed.data), "" if copies is None else copies.sentence
         history, audit = judgement.scores.fit.history, replace(audit, notes=tuple(filter(None, notes)))
-        decided = FitResult(audit, posed.features, sample=sample, judgement=judgement)
+        decided = FitResult(audit, posed.features, sample=sample, judgement=judgement, linear=linear)
         return replace(decided, n_iter=len(history), lower_bound=float(history[-1]))
 
     def extend(self, posed: JudgeInput, judgement: Judgement) -> tuple[Judgement, FitData, JudgedSample | None]:
@@ -264,16 +267,17 @@ class FullFit:
         """What was decided, with what the actions say, and the final policy, if it is kept."""
         audit, judgement, settings = decided.audit, decided.judgement, self.options.settings.judge.held_out
         if judgement is not None:
-            evidence = by_held_out_policies(judgement, self.options.linear_data(posed), posed.copies, settings)
+            assert decided.linear is not None
+            evidence = by_held_out_policies(judgement, decided.linear, posed.copies, settings)
             phrases = deviations(audit, evidence, self.task.classes)
             audit = replace(audit, deviations=phrases, traces=traces(audit, evidence, worth_a_look(audit)))
         if not self.keeps_policy:
-            return replace(decided, audit=audit)
+            return replace(decided, audit=audit, linear=None)
         if posed.copies is not None:  # the policy learns from copies as well
             every = self.task.demonstrations
             posed = replace(posed, demonstrations=every, data=self._data(every, posed.features))
         features, policy = self._final_policy(posed, audit.step_weight)
-        return replace(decided, audit=audit, features=features, policy=policy)
+        return replace(decided, audit=audit, features=features, policy=policy, linear=None)
 
     def _final_policy(self, posed: JudgeInput, weight: Array) -> tuple[Features, FinalPolicy]:
         data = posed.data

@@ -16,7 +16,7 @@ from scipy.special import ndtri
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.settings import AnswerSettings, ChannelSettings
-from rpil.numerics.regression import ErrorSettings, mean_ranks, student_log_densities
+from rpil.numerics.regression import ErrorSettings, medians, student_log_densities
 from rpil.numerics.types import Array, Bool, Float
 
 CHANNELS = (
@@ -59,13 +59,13 @@ def channels(
     log_prob: Float[Array, " N"],
     log_ratio: Float[Array, " N"],
     actions: Float[Array, "N A"],
+    own: Float[Array, " M"],
     states: StateScale,
-    errors: ErrorSettings,
 ) -> Float[Array, "M C"]:
     """The channels of M demonstrations, in the order of `CHANNELS`.
 
     `agreement` is their log-odds; `log_prob` is log pi of each step and `log_ratio` is log pi - log q; `actions` are
-    scaled, or indicators of discrete actions.
+    scaled, or indicators of discrete actions; `own` is their `own_log_prob`.
     """
     inside, moves_of = _inside(data), np.maximum(data.lengths - 1, 1)
     moves = _moves(data.features, states.spread, data)
@@ -73,7 +73,7 @@ def channels(
     idle = data.sum_steps((moves <= states.rest) & inside) / moves_of
     columns = [
         agreement,
-        data.mean_steps(log_prob) - own_log_prob(data, actions, errors),
+        data.mean_steps(log_prob) - own,
         data.mean_steps(log_ratio),
         np.log(data.lengths),
         -data.sum_steps(changes) / moves_of,
@@ -134,8 +134,14 @@ def summaries(data: FitData, actions: Float[Array, "N A"]) -> Float[Array, "M S"
 def normal_scores(values: Float[Array, "M C"], out: Float[Array, "M C"] | None = None) -> Float[Array, "M C"]:
     """Of each column, the normal quantiles of the ranks; ties have the same, and a constant column is 0."""
     out = np.empty(values.shape) if out is None else out
+    ties = np.ones(len(values) + 1, dtype=bool)
     for column, scores in zip(values.T, out.T, strict=True):
-        scores[:] = ndtri((mean_ranks(column) - 0.5) / len(values))
+        order = np.argsort(column)
+        ranked = column[order]
+        np.not_equal(ranked[1:], ranked[:-1], out=ties[1:-1])
+        bounds = np.flatnonzero(ties)  # of equal values, which share the mean of their ranks
+        middles = ndtri((bounds[1:] + bounds[:-1]) / (2 * len(values)))
+        scores[order] = np.repeat(middles, np.diff(bounds))
     return out
 
 
@@ -162,8 +168,10 @@ def own_log_prob(data: FitData, actions: Float[Array, "N A"], errors: ErrorSetti
         shares = (counts + 1.0) / (counts + 1.0).sum(axis=1, keepdims=True)
         return np.asarray((counts * np.log(shares)).sum(axis=1) / data.lengths)
     own = np.empty(data.n_demonstrations)
-    for m, (begin, end) in enumerate(zip(data.offsets[:-1], data.offsets[1:], strict=True)):
-        away = actions[begin:end] - np.median(actions[begin:end], axis=0)
-        scale = 1.35 * np.median(np.abs(away), axis=0) + errors.min_scale
-        own[m] = student_log_densities(away, scale, errors).sum(axis=1).mean()
+    for length in np.unique(data.lengths):  # together, because many calls for few steps each take longest
+        members = np.flatnonzero(data.lengths == length)
+        parts = actions[data.offsets[members][:, None] + np.arange(length)].transpose(0, 2, 1)
+        away = parts - medians(parts)[..., None]
+        scale = 1.35 * medians(np.abs(away)) + errors.min_scale
+        own[members] = student_log_densities(away, scale[..., None], errors).sum(axis=(1, 2)) / length
     return own

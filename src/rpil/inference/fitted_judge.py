@@ -8,7 +8,7 @@ import numpy as np
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.inference.channels import StateScale, own_log_prob
+from rpil.inference.channels import StateScale
 from rpil.inference.groups import Groups
 from rpil.inference.held_out import fit_weighted, frequencies, with_lapses
 from rpil.inference.parts import ActionScale
@@ -120,13 +120,12 @@ class FittedJudge:
         return cls(ratio, scores.groups, scores.step_variance, judgement.states, scores.typical_own)
 
     def score(
-        self, data: FitData, log_ratio: Float[Array, " N"], settings: JudgeSettings
+        self, data: FitData, log_ratio: Float[Array, " N"], own: Float[Array, " M"], settings: JudgeSettings
     ) -> tuple[Float[Array, " M"], Float[Array, " M"]]:
-        """Scores of the demonstrations of `data`, whose steps have these log-ratios, and the sums of squares around
-        their means."""
+        """Scores of the demonstrations of `data`, whose steps have these log-ratios, and whose actions have the mean
+        log-density `own` by their own distribution, and the sums of squares around their means."""
         mean = data.mean_steps(log_ratio)
         squares = data.sum_steps((log_ratio - data.per_step(mean)) ** 2)
         if self.typical_own is None:
             return mean, squares
-        own = own_log_prob(data, self.ratio.indicators(data.actions), settings.held_out.errors)
         return mean - settings.monotony * np.maximum(own - self.typical_own, 0.0), squares

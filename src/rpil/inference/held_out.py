@@ -11,6 +11,7 @@ and again, each time with other weights of the steps.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from hashlib import sha256
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
@@ -55,10 +56,21 @@ class _Linear(HeldOutModel):
     data: FitData
     fold: Int[Array, " M"]
     settings: HeldOutSettings
+    _known: dict[tuple[bytes, float], Float[Array, " N"]] = field(default_factory=dict, init=False)
+    """What was asked before: stages ask for the same group again."""
 
     @property
     def ridges(self) -> tuple[float, ...]:
         return self.settings.ridges
+
+    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
+        key = sha256(weight.tobytes()).digest(), ridge
+        if key not in self._known:
+            self._known[key] = self._evaluate(weight, ridge)
+        return self._known[key]
+
+    def _evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
+        raise NotImplementedError
 
 
 @dataclass(eq=False)
@@ -66,10 +78,10 @@ class HeldOutSoftmax(_Linear):
     """Softmax policies with lapses, for discrete actions. The fit of a fold begins at its last one, and with a Hessian
     that all folds share."""
 
-    _weights: dict[int, Float[Array, "D K"]] = field(default_factory=dict)
-    _log_proba: Float[Array, "N K"] | None = None
+    _weights: dict[int, Float[Array, "D K"]] = field(default_factory=dict, init=False)
+    _log_proba: Float[Array, "N K"] | None = field(default=None, init=False)
 
-    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
+    def _evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
         from rpil.numerics.newton import Preconditioner  # which ridge regression does without
 
         features, hessian = self.data.features, None
@@ -133,23 +145,21 @@ class HeldOutRidge(_Linear):
     """Ridge regression with Student's errors, for continuous actions."""
 
     def __post_init__(self) -> None:
-        self.actions = ActionScale.of(self.data)(self.data.actions)
+        self.actions, fold = ActionScale.of(self.data)(self.data.actions), self.data.per_step(self.fold)
+        rows = [np.flatnonzero(fold == k) for k in range(int(fold.max()) + 1)]
+        self._folds = [(each, self.data.features[each], self.actions[each]) for each in rows]
 
-    def evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
+    def _evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
         return np.asarray(log_densities(self.errors(weight, ridge), weight, self.settings).sum(axis=1))
 
     def errors(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, "N A"]:
         """Held-out errors of the actions, scaled."""
-        features, actions, fold = self.data.features, self.actions, self.data.per_step(self.fold)
-        tests = (fold == k for k in range(int(fold.max()) + 1))
-        sums = [normal_equations(features[test], actions[test], weight[test]) for test in tests]
-        of_all = [sum(terms) for terms in zip(*sums, strict=True)]
-
-        def errors_of(k: int, test: Array) -> Array:
-            gram, product, total = (every - own for every, own in zip(of_all, sums[k], strict=True))
-            return np.asarray(actions[test] - features[test] @ solve_ridge(gram, product, total, ridge))
-
-        return out_of_fold(fold, errors_of)
+        sums = [normal_equations(features, actions, weight[rows]) for rows, features, actions in self._folds]
+        of_all, out = [sum(terms) for terms in zip(*sums, strict=True)], np.empty(self.actions.shape)
+        for (rows, features, actions), own in zip(self._folds, sums, strict=True):
+            gram, product, total = (every - part for every, part in zip(of_all, own, strict=True))
+            out[rows] = actions - features @ solve_ridge(gram, product, total, ridge)
+        return out
 
 
 @dataclass(eq=False)
@@ -168,7 +178,7 @@ class HeldOutPolicy(HeldOutModel):
         return np.asarray(log_density + np.log(ActionScale.of(self.data).spread).sum())
 
 
-def held_out_model(data: FitData, settings: HeldOutSettings) -> HeldOutModel:
+def held_out_model(data: FitData, settings: HeldOutSettings) -> HeldOutSoftmax | HeldOutRidge:
     """The linear policies for the actions of the data; the folds follow from the demonstrations, and from no seed, so
     that no word of the judge is a matter of chance."""
     n = data.n_demonstrations

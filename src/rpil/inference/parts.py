@@ -7,11 +7,12 @@ is the set-up of a session. Scales come from the motion within demonstrations, f
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from rpil.data.fit_data import FitData
-from rpil.numerics.regression import robust_scale, spread_within
+from rpil.numerics.regression import spread_within
 from rpil.numerics.types import Array, Bool, Float, Int, Num
 
 MOST = 0.9
@@ -56,11 +57,12 @@ class ActionScale:
 
     @classmethod
     def of(cls, data: FitData) -> ActionScale:
-        """From the demonstrations of `data`."""
-        location, around = robust_scale(data.actions, data.offsets)
-        spread = spread_within(data.actions, data.offsets)
-        spread = spread if data.judged is None else np.where(data.judged, spread, np.inf)
-        return cls(location, spread, MAX_DISTANCE * around)
+        """From the demonstrations of `data`, measured once."""
+        if (known := _SCALES.get(data)) is None:
+            location, around, spread = spread_within(data.actions, data.offsets)
+            spread = spread if data.judged is None else np.where(data.judged, spread, np.inf)
+            known = _SCALES[data] = cls(location, spread, MAX_DISTANCE * around)
+        return known
 
     def __call__(self, actions: Num[Array, "N A"]) -> Float[Array, "N A"]:
         """Actions less their location, in spreads: 0 where a part is not judged."""
@@ -69,3 +71,6 @@ class ActionScale:
     def back(self, scaled: Float[Array, "N A"]) -> Float[Array, "N A"]:
         """Actions in the units of the data; the location where a part is not judged."""
         return np.asarray(self.location + scaled * np.where(np.isfinite(self.spread), self.spread, 0.0))
+
+
+_SCALES = WeakKeyDictionary[FitData, ActionScale]()

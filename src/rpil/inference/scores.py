@@ -10,7 +10,7 @@ the state than those of most demonstrations must be explained better.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -63,10 +63,11 @@ class Scoring:
     log_q_of_classes: Float[Array, " N"] | float = 0.0
     """log q(a) of discrete actions, which scores have less; 0 of continuous ones."""
     typical_own: float | None = None
-    """Mean log-density of the actions of the median demonstration by their own distribution, whatever the state, nats;
-    None where actions are discrete."""
+    """The median of `own`; None where actions are discrete."""
     monotony: Float[Array, " M"] | float = 0.0
     """The share `JudgeSettings.monotony` of how much larger that of each demonstration is, at least 0."""
+    own: Float[Array, " M"] = field(default_factory=lambda: np.empty(0))
+    """Mean log-probability of the actions of each demonstration by their own distribution, whatever the state, nats."""
 
     @classmethod
     def of(cls, data: FitData, model: HeldOutModel, settings: JudgeSettings) -> Scoring:
@@ -74,12 +75,12 @@ class Scoring:
         group = np.ones(data.n_demonstrations, dtype=bool)
         log_q, best = (log_reference(data, group, settings.held_out, best) for best in (False, True))
         ridge = choose_ridge(data, model, group)
-        if not data.space.has_density:
-            return cls(data, model, settings, ridge, log_q, best, log_q)
         own = own_log_prob(data, indicators(data), settings.held_out.errors)
+        if not data.space.has_density:
+            return cls(data, model, settings, ridge, log_q, best, log_q, own=own)
         similar = float(np.median(own))
         excess = settings.monotony * np.maximum(own - similar, 0.0)
-        return cls(data, model, settings, ridge, log_q, best, 0.0, similar, excess)
+        return cls(data, model, settings, ridge, log_q, best, 0.0, similar, excess, own)
 
     def score(self, fit: TrimmedFit) -> Scores:
         """Scores of all demonstrations under policies of a training group.

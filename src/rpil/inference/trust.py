@@ -82,7 +82,7 @@ def judge(
     claims, log_prob = claim(scoring, scores), scores.fit.log_prob
     log_ratio = log_prob - scoring.log_q
     actions, states = indicators(data), StateScale.of(data, settings.channels)
-    values = channels(data, scores.log_odds, log_prob, log_ratio, actions, states, settings.held_out.errors)
+    values = channels(data, scores.log_odds, log_prob, log_ratio, actions, scoring.own, states)
     seen = components(summaries(data, actions), settings.channels)
     columns, own = columns_of(values, seen, scores.log_odds, settings.answers), np.arange(data.n_demonstrations)
     part = np.zeros(len(own)) if learner is None else two_parts(learner, scores, claims.verdicts < 0, settings)

@@ -37,7 +37,7 @@ def two_parts(data: FitData, scores: Scores, outlier: Bool[Array, " M"], setting
     limits, ridge = settings.parts, scores.fit.ridge or settings.held_out.ridges[-1]  # a user's policy has none
     data = thinned(data, limits.max_steps)
     of_parts = replace(settings.held_out, max_left_out=0, tol=limits.tol)
-    models = [held_out_model(data, of_parts) for _ in range(2)]  # one for each part: fits begin at its last ones
+    models = [model := held_out_model(data, of_parts), replace(model)]  # one for each part: fits begin at its last ones
     together = models[0].evaluate(np.ones(len(data.actions)), ridge).mean()
     place = np.argsort(np.argsort(scores.log_odds, kind="stable")) / data.n_demonstrations
     starts = [scores.fit.group, place >= 1 / 2, place >= 1 / 5, ~outlier]

@@ -114,29 +114,42 @@ def _objective(log_proba: Array, targets: Array, weights: Array, ridge: Array) -
 def _newton_direction(
     features: Array, proba: Array, weight: Array, ridge: Array, slope: Array, precondition: Preconditioner, max_cg: int
 ) -> Array:
-    """Approximately solve H step = -slope; the relative residual shrinks with the gradient (Eisenstat-Walker)."""
+    """Approximately solve H step = -slope for the Hessian of the softmax."""
     proba, weight = (a.astype(features.dtype, copy=False) for a in (proba, weight))
-    step = np.zeros_like(slope)
-    residual = -slope
-    preconditioned = precondition(residual)
-    direction = preconditioned
+
+    def product(direction: Array) -> Array:
+        return np.asarray(hessian_product(features, proba, weight, direction) + ridge * direction)
+
+    return conjugate_gradients(product, precondition, -slope, float(weight.sum(dtype=float)), max_cg)
+
+
+def conjugate_gradients(
+    product: Callable[[Float[Array, "D K"]], Float[Array, "D K"]],
+    precondition: Callable[[Float[Array, "D K"]], Float[Array, "D K"]],
+    residual: Float[Array, "D K"],
+    scale: float,
+    most: int,
+) -> Float[Array, "D K"]:
+    """Approximately solve H step = residual, where `product` multiplies by H, in `most` iterations; the smaller the
+    gain that is left for a step of the data, of which there are `scale`, the better (Eisenstat-Walker)."""
+    ascent, step = residual, np.zeros_like(residual)
+    direction = preconditioned = precondition(residual)
     energy = first = float((residual * preconditioned).sum())
-    scale = max(float(weight.sum(dtype=float)), np.finfo(float).tiny)
-    forcing = min(0.25, np.sqrt(np.sqrt(first / scale)))
-    for _ in range(max_cg):
-        product = hessian_product(features, proba, weight, direction) + ridge * direction
-        curvature = float((direction * product).sum())
+    forcing = min(0.25, np.sqrt(np.sqrt(first / max(scale, np.finfo(float).tiny))))
+    for _ in range(most):
+        moved = product(direction)
+        curvature = float((direction * moved).sum())
         if curvature <= 1e-14 * float((direction * direction).sum()):
             break
         length = energy / curvature
         step += length * direction
-        residual = residual - length * product
+        residual = residual - length * moved
         preconditioned = precondition(residual)
         previous, energy = energy, float((residual * preconditioned).sum())
         if energy <= forcing**2 * first:
             break
         direction = preconditioned + (energy / previous) * direction
-    return step if step.any() else -slope
+    return step if step.any() else ascent
 
 
 def lbfgs_step(

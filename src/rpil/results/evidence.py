@@ -23,7 +23,7 @@ from rpil.data.spaces import Discrete
 from rpil.data.text import printable
 from rpil.faults.measured_columns import never_moves
 from rpil.inference.findings import DECIDED
-from rpil.inference.held_out import HeldOutRidge, held_out_model, log_reference
+from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax, log_reference
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
 from rpil.inference.trimming import choose_ridge
@@ -97,14 +97,15 @@ class StepEvidence:
 
 
 def by_held_out_policies(
-    judgement: Judgement, data: FitData, copies: Copies | None, settings: HeldOutSettings
+    judgement: Judgement, model: HeldOutSoftmax | HeldOutRidge, copies: Copies | None, settings: HeldOutSettings
 ) -> StepEvidence:
-    """By held-out policies, linear in `data` where actions are continuous, without `copies` of others."""
-    fit, members = judgement.scores.fit, np.arange(data.n_demonstrations) if copies is None else copies.judged
+    """By held-out policies of a linear `model` where actions are continuous, without `copies` of others."""
+    fit, data = judgement.scores.fit, model.data
+    members = np.arange(data.n_demonstrations) if copies is None else copies.judged
     if data.space.kind == "discrete":
         expected = fit.log_prob
     else:
-        group, model = judgement.training_group, held_out_model(data, settings)
+        group = judgement.training_group
         assert isinstance(model, HeldOutRidge)
         ridge = fit.ridge or choose_ridge(data, model, group)  # the user's policy has none
         expected = ActionScale.of(data).back(model.actions - model.errors(data.per_step(group.astype(float)), ridge))

@@ -17,7 +17,7 @@ import numpy as np
 from rpil.data.demonstrations import Block
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space, encode_actions
-from rpil.inference.channels import channels, columns_of, components, summaries
+from rpil.inference.channels import channels, columns_of, components, own_log_prob, summaries
 from rpil.inference.fitted_judge import FittedJudge, Ratio, fit_ratio
 from rpil.inference.groups import fit_groups
 from rpil.inference.outliers import widened
@@ -73,9 +73,10 @@ def score_block(
     """Score the demonstrations of a block by the policy of the sample, and by those of its two parts, if it has any."""
     data, ratio = prepared[1], judge.ratio
     log_prob, log_ratio, scored = ratio.step_ratios(data.features, data.actions, settings.held_out)
-    score, squares = judge.score(data, scored, settings)
     actions = ratio.indicators(data.actions)
-    described = channels(data, score, log_prob, log_ratio, actions, judge.states, settings.held_out.errors)
+    own = own_log_prob(data, actions, settings.held_out.errors)
+    score, squares = judge.score(data, scored, own, settings)
+    described = channels(data, score, log_prob, log_ratio, actions, own, judge.states)
     by_part = [part.step_ratios(data.features, data.actions, settings.held_out)[0] for part in parts]
     side = data.mean_steps(by_part[0] - by_part[1]) if by_part else np.zeros(data.n_demonstrations)
     summed = summaries(data, actions).astype(np.float32)
