@@ -20,7 +20,10 @@ main()
 ABSENT = {"sklearn", "scipy.stats", "pandas", "matplotlib", "jinja2", "jaxtyping"}
 
 
-@pytest.mark.parametrize(("command", "also_absent"), [("audit", set()), ("info", {"scipy", "rpil.estimators"})])
+NO_MODEL = {"scipy", "threadpoolctl", "rpil.estimators"}
+
+
+@pytest.mark.parametrize(("command", "also_absent"), [("audit", set()), ("info", NO_MODEL), ("check", NO_MODEL)])
 def test_libraries_that_take_long_are_not_imported(command, also_absent, tmp_path):
     path = tmp_path / "drive.csv"
     TOOL["write_demonstrations"](path)
@@ -29,3 +32,24 @@ def test_libraries_that_take_long_are_not_imported(command, also_absent, tmp_pat
     imported = set(run.stdout.rpartition("modules:")[2].split())
     assert {"numpy", "pyarrow", "rpil.formats"} <= imported
     assert imported & (ABSENT | also_absent) == set()
+
+
+WITHOUT = """
+import sys
+sys.modules.update(dict.fromkeys(("scipy", "sklearn", "threadpoolctl", "joblib")))  # as if not installed
+import rpil
+path = sys.argv[1]
+print(rpil.check(path).headline)
+rpil.write("copy.npz", rpil.read(path))
+rpil.open(path).keep(rpil.open(path).ids[:5], "kept.csv")
+"""
+
+
+def test_check_needs_no_scipy_and_no_scikit_learn(tmp_path):
+    path = tmp_path / "drive.csv"
+    TOOL["write_demonstrations"](path)
+    words = [sys.executable, "-c", WITHOUT, str(path)]
+    run = subprocess.run(words, cwd=tmp_path, check=False, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    assert "recording fault" in run.stdout
+    assert {"copy.npz", "kept.csv"} <= {each.name for each in tmp_path.iterdir()}
