@@ -5,10 +5,13 @@ from __future__ import annotations
 import runpy
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 TOOL = runpy.run_path(str(ROOT / "tools" / "public_surface.py"))
 
 
+@pytest.mark.slow
 def test_the_surface_is_the_one_that_is_written_down():
     """A line that goes is a change that breaks others: it needs a line in the change log, and a new minor version."""
     written = TOOL["SURFACE"].read_text(encoding="utf-8").splitlines()

@@ -1,6 +1,6 @@
 """The public surface: names and signatures of `rpil`, commands and options, keys of JSON, columns of tables.
 
-``python tools/public_surface.py`` prints it, and ``--write`` writes it to ``docs/surface.txt``. A test compares the two:
+``python tools/public_surface.py`` prints it, and ``--write`` writes it to ``docs/surface.txt``. A test compares both:
 what goes from that file, or changes in it, is a change of `docs/stability.md`, and needs a line in the change log.
 """
 
@@ -74,7 +74,7 @@ def commands() -> Iterator[str]:
     from rpil.cli.main import main
 
     for name, command in sorted(main.commands.items()):
-        arguments = [parameter.human_readable_name for parameter in command.params if not parameter.opts[0][0] == "-"]
+        arguments = [parameter.human_readable_name for parameter in command.params if parameter.opts[0][0] != "-"]
         yield " ".join(["rpil", name, *arguments])
         for option in sorted((each for each in command.params if each.opts[0][0] == "-"), key=lambda each: each.opts):
             choices = f" {'|'.join(option.type.choices)}" if isinstance(option.type, click.Choice) else ""
