@@ -4,8 +4,8 @@
     python benchmarks/soak.py --quick            # 30 and 60: ten seconds
 
 Audits read a CSV, a Parquet file, and the CSV from disk, in turn; a damaged file is tried each time, so that errors are
-soaked, too. Answers are those of `Audit.answered` on what was found before. After a fifth of the work memory may grow by 2 %, and
-there may be as many open descriptors and threads as then. The exit code is 1 where there is more.
+soaked, too. Answers are those of `Audit.answered` on what was found before. After a fifth of the work memory may grow
+by 2 %, and there may be as many open descriptors and threads as then. The exit code is 1 where there is more.
 """
 
 from __future__ import annotations

@@ -14,8 +14,8 @@ import pytest
 import rpil
 
 pytest.importorskip("hypothesis", reason="hypothesis is not installed: pip install 'rpil[dev]'")
-from hypothesis import HealthCheck, Phase, given, settings  # noqa: E402
-from hypothesis import strategies as st  # noqa: E402
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
 
 pytestmark = pytest.mark.slow
 PHASES = (Phase.explicit, Phase.generate)  # to shrink takes a hundred audits, and a seed is small already
