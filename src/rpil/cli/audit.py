@@ -77,7 +77,7 @@ def audit(
 ) -> int:
     """Print which demonstrations differ from the rest, or are bad, the lowest scores first.
 
-    No policy is kept: with --features auto none are chosen for one, and the verdicts are those of rpil fit.
+    It fits no final policy; its verdicts are those of rpil fit.
     """
     outputs = {title: options.pop(title) for title in commands.OUTPUTS}
     if outputs["keep"] is None and any(options[name] for name in CHOICE_NAMES):
