@@ -44,7 +44,8 @@ path = sys.argv[1]
 print(rpil.check(path).headline)
 rpil.write("copy.npz", rpil.read(path))
 rpil.open(path).keep(rpil.open(path).ids[:5], "kept.csv")
-main(["check", path])
+for form in ("sarif", "markdown", "json", "text"):
+    main(["check", path, "--format", form], standalone_mode=False)
 """
 
 
@@ -54,5 +55,5 @@ def test_check_needs_numpy_pyarrow_click_and_rich_alone(tmp_path):
     words = [sys.executable, "-c", WITHOUT, str(path)]
     run = subprocess.run(words, cwd=tmp_path, check=False, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
-    assert run.stdout.count("recording fault") == 2
+    assert "recording fault" in run.stdout
     assert {"copy.npz", "kept.csv"} <= {each.name for each in tmp_path.iterdir()}
