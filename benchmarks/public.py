@@ -23,7 +23,8 @@ HEAD = """# What it found in public data sets
 
 `python benchmarks/public.py FOLDER` prints this page: the worst that `rpil check` and `rpil audit` say of data sets
 that others published, unchanged, and what we saw when we looked. That a set is here does not mean that it is bad: most
-of what was found is small, and who publishes data does others a service."""
+of what was found is small, and who publishes data does others a service. The audits below are of a version before 0.3,
+which also said "in doubt"."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -75,6 +76,20 @@ def test_the_citation_is_of_this_version_and_licence():
     assert citation["repository-code"] == PROJECT["urls"]["Repository"]
 
 
+def test_the_matrix_has_every_python_and_system_and_the_site_is_built_as_here():
+    versions = [kind.rpartition(" :: ")[2] for kind in PROJECT["classifiers"] if re.search(r":: 3\.\d+$", kind)]
+    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "test.yml").read_text(encoding="utf-8"))["jobs"]
+    matrix = jobs["test"]["strategy"]["matrix"]
+    assert matrix["python"] == versions
+    assert PROJECT["requires-python"] == f">={versions[0]}"
+    systems = {*matrix["os"], *(job["os"] for job in matrix["include"])}
+    assert {system.partition("-")[0] for system in systems} == {"ubuntu", "windows", "macos"}
+    site = yaml.safe_load((ROOT / ".readthedocs.yaml").read_text(encoding="utf-8"))
+    assert (ROOT / site["sphinx"]["configuration"]).is_file()
+    assert site["sphinx"]["fail_on_warning"] is True
+    assert set(site["python"]["install"][0]["extra_requirements"]) <= set(OPTIONAL)
+
+
 def test_every_file_of_the_library_is_in_the_package():
     tool = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]
     patterns = tool["setuptools"]["package-data"]["rpil"]
@@ -121,7 +136,7 @@ def test_the_package_works_without_extras(tmp_path):
     if subprocess.run(probe, capture_output=True).returncode:
         pytest.skip("pip reaches no package index")
     first = re.search(r"```sh\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)[1]
-    assert re.findall(r"^(?:pip install|rpil demo).*?(?=  )", first, re.MULTILINE) == ["pip install rpil", "rpil demo"]
+    assert first.startswith(f"pip install 'rpil[video,review] @ git+{PROJECT['urls']['Repository']}'")
     checkout, library, folder = tool["copy_checkout"](tmp_path / "checkout"), tmp_path / "library", tmp_path / "work"
     install = [*pip, "install", "--no-deps", "--no-compile", "--target", library, "."]
     installed = subprocess.run(install, cwd=checkout, capture_output=True, text=True)

@@ -8,13 +8,14 @@ from typing import Any
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.cloning import BehavioralCloning
+from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from study.recipe import NO_PENALTY, PaperRecipe
 from worlds.simulated import N_GOOD
 
 OUR_FEATURES = "auto"
 N_BAD = N_GOOD
-EXPERT, RECIPE, OURS = "expert", "paper's recipe", "rpil"
+EXPERT, RECIPE, RM_ENT, OURS = "expert", "paper's recipe", "rm-ent", "rpil"
 TRUST_ALL, RAW_TRUST_ALL, ORACLE, RAW_ORACLE = "trust all", "raw trust all", "oracle", "raw oracle"
 
 
@@ -68,6 +69,11 @@ def paper_recipe(demonstrations: Demonstrations, experiment: Experiment, seed: i
     return PaperRecipe(experiment.prior).fit(demonstrations)
 
 
+def rm_ent(demonstrations: Demonstrations, experiment: Experiment, seed: int) -> RMEnt:
+    """The paper's second method, which is told how many are good."""
+    return RMEnt(N_GOOD, OUR_FEATURES, random_state=seed).fit(demonstrations)
+
+
 def ours(demonstrations: Demonstrations, experiment: Experiment, seed: int) -> RPIL:
     """One setting for all tables; the prior is estimated."""
     return RPIL(OUR_FEATURES, random_state=seed).fit(demonstrations)
@@ -77,5 +83,6 @@ METHODS: dict[str, Method] = {
     RAW_TRUST_ALL: raw_trust_all,
     TRUST_ALL: trust_all,
     RECIPE: paper_recipe,
+    RM_ENT: rm_ent,
     OURS: ours,
 }

@@ -117,7 +117,7 @@ def write_meta(about: list[dict[str, object]], columns: dict[str, np.ndarray]) -
     pq.write_table(pa.table({"task_index": [0], "task": ["reach"]}), meta / "tasks.parquet")
     (meta / "stats.json").write_text(json.dumps({name: statistics(values) for name, values in columns.items()}))
     features: dict[str, dict[str, object]] = {
-        name: {"dtype": "float32", "shape": [6], "names": JOINTS} for name in ("observation.state", "action")
+        name: {"dtype": "float32", "shape": [len(JOINTS)], "names": JOINTS} for name in ("observation.state", "action")
     }
     features["observation.object"] = {"dtype": "float32", "shape": [2], "names": ["x", "y"]}
     features[CAMERA] = {"dtype": "video", "shape": [SIZE, SIZE, 3]}

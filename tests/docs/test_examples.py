@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
+import json
 import os
 import re
+import runpy
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -66,3 +70,25 @@ def test_the_site_runs_these():
 
 def test_every_example_is_run():
     assert {path.name for path in EXAMPLES.glob("*.py")} == {*LEAST, *PRINTED}
+
+
+@pytest.mark.slow
+def test_the_notebook_runs_cell_by_cell(tmp_path, monkeypatch):
+    """Without Jupyter; in the place of what pip installs and the network brings there is this checkout."""
+    import matplotlib
+
+    matplotlib.use("agg")
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(EXAMPLES.parent / "tools" / "drives.py"), run_name="__main__")  # drives.csv
+    notebook = json.loads((EXAMPLES / "your_own_data.ipynb").read_text(encoding="utf-8"))
+    assert (notebook["nbformat"], notebook["metadata"]["kernelspec"]["name"]) == (4, "python3")
+    names: dict[str, object] = {}
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        for cell in notebook["cells"]:
+            code = "".join(line for line in cell["source"] if not line.startswith(("%", "!")))
+            if cell["cell_type"] == "code":
+                assert cell["outputs"] == []
+                exec(compile(code, "your_own_data.ipynb", "exec"), names)
+    assert "6 of 40 act differently from the rest: P08, P37, P28, P38, P23, P24." in out.getvalue()
+    assert names["answered"].verdict_counts()["bad"] >= 2
+    assert len((tmp_path / "kept.csv").read_text().splitlines()) == 1 + 400 * len(names["answered"].choice.kept)

@@ -1,4 +1,4 @@
-"""The snippets of docs/policies.md run, and its pictures show what the text says."""
+"""The snippets of docs/policies.md and the recipes of docs/guide.md run, and pictures show what the text says."""
 
 from __future__ import annotations
 
@@ -62,6 +62,27 @@ def test_straight_line_gives_no_verdict(pictures):
 
 def test_pictures_exist_and_are_small():
     named = re.findall(r"\]\((\w+\.png)\)", TEXT)
-    assert named == ["policies.png", "adversaries.png", "reliability.png"]
+    assert sorted(named) == ["adversaries.png", "policies.png", "reliability.png"]
     for name in named:
         assert (DOCS / name).stat().st_size < 150_000
+
+
+def test_the_recipes_of_the_guide_run_and_are_short(tmp_path, monkeypatch):
+    tool = runpy.run_path(str(DOCS.parent / "tools" / "path_of_audit.py"))
+    recipes = re.findall(r"^```python\n(.*?)^```", (DOCS / "guide.md").read_text(encoding="utf-8"), re.M | re.S)
+    assert len(recipes) == 4
+    assert max(len([line for line in code.splitlines() if line]) for code in recipes) <= 6
+    monkeypatch.chdir(tmp_path)
+    tool["write_demonstrations"](Path("drive.csv"), 16, 40)
+    names: dict[str, object] = {}
+    for code in recipes:
+        exec(compile(code, "docs/guide.md", "exec"), names)
+    kept = names["kept"]
+    assert {0} <= kept < set(range(16))
+    assert not {4, 8} & kept
+    weight = names["audit"].step_weight.reshape(16, 40)[:, 0]
+    assert weight[0] > weight[4]
+    drawn = np.bincount(names["batch"] // 40, minlength=16)
+    assert drawn[[4, 8]].sum() < drawn[[1, 2, 3]].sum()
+    assert names["policy"].predict(np.zeros((1, 2))).shape == (1, 2)
+    assert {row // 40 for row in names["rows"]} == kept

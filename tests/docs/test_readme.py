@@ -19,23 +19,28 @@ ROOT = Path(__file__).parents[2]
 TUTORIALS = runpy.run_path(str(ROOT / "tools" / "tutorials.py"))
 DRAW = runpy.run_path(str(ROOT / "tools" / "draw_review.py"))
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+SO100 = runpy.run_path(str(ROOT / "tools" / "so100.py"))
+(KEEP,) = re.findall(r"^(rpil keep .*)$", TEXT, re.MULTILINE)
 URLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]
 
 
 def test_readme_is_short():
-    assert len(TEXT.splitlines()) <= 170
-    assert len(TEXT.partition("[picture]:")[0].splitlines()) <= 150
+    assert len(TEXT.splitlines()) <= 120
+    assert len(TEXT.split()) <= 1000
+    assert "![" in "\n".join(TEXT.splitlines()[:40])
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")  # commands warn where a user may overlook it
 def test_commands_run_and_print_what_is_shown(tmp_path):
-    """Those that install or ask, and those for developers, are left out; labels.csv is what a user may answer."""
-    (tmp_path / "labels.csv").write_text("id,label\nP07,better than P28\nP23,bad\n", encoding="utf-8")
-    left_out = re.compile(r"pip |make |rpil (demo|label|review) ")
+    """Without those that install or ask; labels.csv is what a user may answer."""
+    pytest.importorskip("av", reason="PyAV is not installed: pip install 'rpil[video]'")
+    (tmp_path / "labels.csv").write_text("id,label\n33,better than 38\n3,bad\n44,bad\n0,good\n", encoding="utf-8")
+    left_out = re.compile(r"pip |rpil (label|review) ")
     printed, n_shown, names = "", 0, {}
     with contextlib.chdir(tmp_path):
-        runpy.run_path(str(ROOT / "tools" / "drives.py"), run_name="__main__")
+        for name in ("drives", "so100"):
+            runpy.run_path(str(ROOT / "tools" / f"{name}.py"), run_name="__main__")
         for block in TUTORIALS["blocks"](ROOT / "README.md"):
             if block.kind == "text":
                 assert doctest.OutputChecker().check_output(block.text, printed, TUTORIALS["SAME"]), printed
@@ -48,17 +53,13 @@ def test_commands_run_and_print_what_is_shown(tmp_path):
                     if not left_out.match(line):
                         TUTORIALS["call"](shlex.split(line, comments=True), ROOT / "README.md", block)
             printed = out.getvalue()
-    assert n_shown == 2
-    assert {"audit.html", "kept.csv", "verdicts.csv", "weights.parquet"} <= {path.name for path in tmp_path.iterdir()}
+        TUTORIALS["call"](shlex.split(KEEP.replace("-o so100_kept", "-o ids.json")), ROOT / "README.md", block)
+    assert n_shown == 3
     assert names["audit"].finding == "outliers"
-
-
-def test_what_was_found_in_public_data_stands_on_its_page():
-    section = " ".join(TEXT.partition("## What it found")[2].partition("\n## ")[0].split())
-    page = (ROOT / "docs" / "public.md").read_text(encoding="utf-8")
-    quoted = re.findall(r'"([^"]+)"', section)
-    assert len(quoted) >= 4
-    assert [text for text in quoted if text not in page] == []
+    assert len(names["weights"]) == 16_000
+    broken = {SO100[name] for name in ("FROZEN_CAMERA", "FROZEN_JOINT", "JUMP", "DROPPED")}
+    rejected = set(range(50)) - set(json.loads((tmp_path / "ids.json").read_text())["episodes"])
+    assert (len(rejected), len(rejected - broken - set(SO100["DISTRACTED"]))) == (10, 0)
 
 
 def test_links_are_those_of_the_repository_and_lead_to_files():

@@ -78,7 +78,7 @@ def audit(
 ) -> int:
     """Print which demonstrations differ from the rest, or are bad, the lowest scores first.
 
-    No policy is kept: with --features auto none are chosen for one, and the verdicts are those of rpil fit.
+    It fits no final policy; its verdicts are those of rpil fit.
     """
     outputs = {title: options.pop(title) for title in commands.OUTPUTS}
     lists = outputs["keep"] is not None or outputs["ranges"] is not None

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
     from rpil.formats.recording import Recording
 
-FAIL_ON = "Exit with code 1 where one of these rules finds a fault, or one that is as bad as this, or any."
+FAIL_ON = "Exit with code 1 where one of these rules finds a fault, or a fault of this grade or a worse one, or any."
 MAX_FINDINGS = 30
 """Findings that are printed."""
 

@@ -69,10 +69,9 @@ def begin(file: str, options: dict[str, Value], most: int | None) -> tuple[comma
 @with_options(*LABEL_OPTIONS)
 @click.pass_context
 def label(ctx: click.Context, /, file: str, **options: Value) -> None:
-    """Ask the questions whose answers would say most, four to eight, and write the answers to a file of labels.
+    """Ask four to eight questions in the terminal, and write the answers to a file of labels.
 
-    It is labels.csv, or that of --labels. Answers that it holds count: a run goes on where the last one ended. Each
-    answer is written at once.
+    The file is labels.csv, or that of --labels. A run goes on where the last one ended. Each answer is written at once.
     """
     _, session = begin(file, options, MAX_QUESTIONS)
     ask(session)

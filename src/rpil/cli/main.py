@@ -141,8 +141,8 @@ def keep(
 ) -> None:
     """Write demonstrations to a new file of the same format, without those that are bad; or, to ids.json, their list.
 
-    Those are bad that a label, or an outcome of 0, calls so; and those that an audit calls bad, after two answers, of
-    which one is good or better and one bad or worse. All others are kept, unless --share or --at-least says otherwise.
+    Bad ones are those that you label bad and those with an outcome of 0. After two answers that contrast, they are also
+    those that the audit calls bad. All others are kept, unless --share or --at-least says otherwise.
     """
     if share is not None and at_least is not None:
         raise click.UsageError("--share and --at-least exclude each other: leave one out")

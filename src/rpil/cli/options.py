@@ -125,7 +125,7 @@ COLUMN_OPTIONS = (
         help="Who gave each demonstration: a column of FILE, or a CSV file (id,demonstrator).",
     ),
     click.option("--task", metavar="COLUMN", help="The column that names the task."),
-    click.option("--split-gap", **_SAY_SECONDS, help="Also end a demonstration at a longer pause, or an earlier time."),
+    click.option("--split-gap", **_SAY_SECONDS, help="Split where timestamps jump by more than this, or go back."),
     click.option("--segment", **_SAY_SECONDS, help="Judge stretches of this length instead of demonstrations."),
     click.option(
         "--action-kind",

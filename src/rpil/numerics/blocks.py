@@ -25,8 +25,7 @@ BLOCK_BYTES = 1 << 19
 
 def add(first: Sums, second: Sums) -> Sums:
     """The entrywise sums of two parts of the data."""
-    pairs = zip(first, second, strict=True)
-    return tuple(add(a, b) if isinstance(a, tuple) else a + b for a, b in pairs)
+    return tuple(add(a, b) if isinstance(a, tuple) else a + b for a, b in zip(first, second, strict=True))
 
 
 def blocks(features: Float[Array, "N D"]) -> Iterator[slice]:

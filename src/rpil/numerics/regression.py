@@ -8,8 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.special import gammaln
 
 from rpil.numerics.types import Array, Float, Int, Num
 
@@ -27,8 +25,7 @@ class ErrorSettings:
     degrees_of_freedom: float = 4.0
     """nu. docs/tried.md: 2 and 1 were no better."""
     min_scale: float = 0.03
-    """Added to the scale of the errors, in standard deviations of the action: a policy without errors has no density.
-    Chosen by hand, not tuned."""
+    """Added to the scale of the errors, in standard deviations of the action, so that a density exists. Not tuned."""
 
 
 def column_scales(actions: Num[Array, "N A"]) -> Float[Array, " A"]:
@@ -108,6 +105,8 @@ def solve_ridge(
 
     `ridge` is the penalty a step, `total` the sum of the weights; see `normal_equations`.
     """
+    from scipy.linalg import cho_factor, cho_solve  # `rpil check` takes ranks of this file, and needs no SciPy
+
     total = max(total, MIN_WEIGHT)
     penalised = np.array(gram, dtype=float)
     penalised[np.diag_indices_from(penalised)] += np.append(np.full(len(gram) - 1, ridge * total), 1e-9 * total)
@@ -126,6 +125,8 @@ def student_log_densities(
     errors: Float[Array, "*shape"], scale: Float[Array, "*of_each"], settings: ErrorSettings
 ) -> Float[Array, "*shape"]:
     """Log-densities of Student errors of any shape, each with its `scale`, in nats."""
+    from scipy.special import gammaln
+
     nu = settings.degrees_of_freedom
     constant = gammaln((nu + 1) / 2) - gammaln(nu / 2) - 0.5 * np.log(nu * np.pi)
     return np.asarray(constant - np.log(scale) - (nu + 1) / 2 * np.log1p((errors / scale) ** 2 / nu))

@@ -1,0 +1,137 @@
+"""Windows and macOS, as far as Linux can stand for them: lines that end in CR LF, files that are open elsewhere, names
+with backslashes, and a Python without fork, signals and what only Linux has. docs/stability.md says what is untested.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import rpil
+from rpil.cli.main import main
+from rpil.data.files import replacing
+
+TOOL = runpy.run_path(str(Path(__file__).parents[1] / "tools" / "path_of_audit.py"))
+
+
+@pytest.fixture
+def drive(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    TOOL["write_demonstrations"](Path("drive.csv"))
+    return Path("drive.csv")
+
+
+def run(*words: str) -> str:
+    done = CliRunner().invoke(main, [*words])
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def with_crlf(path: Path) -> Path:
+    """A copy as an editor of Windows saves it."""
+    copy = path.with_name(f"crlf_{path.name}")
+    copy.write_bytes(path.read_bytes().replace(b"\r\n", b"\n").replace(b"\n", b"\r\n"))
+    return copy
+
+
+def test_lines_may_end_in_cr_lf(drive):
+    windows = with_crlf(drive)
+    assert rpil.audit(windows).verdicts == rpil.audit(drive).verdicts
+    Path("labels.csv").write_text("id,label\n0,bad\n4,bad\n1,good\n")
+    run("keep", "drive.csv", "-o", "kept.csv", "--labels", "labels.csv")
+    run("keep", str(windows), "-o", "kept_crlf.csv", "--labels", str(with_crlf(Path("labels.csv"))))
+    assert Path("kept_crlf.csv").read_bytes() == Path("kept.csv").read_bytes().replace(b"\n", b"\r\n")
+
+
+def test_tables_that_rpil_wrote_are_read_with_either_end_of_lines(drive):
+    Path("labels.csv").write_text("id,label\n0,bad\n4,bad\n1,good\n")
+    run("audit", "drive.csv", "--labels", "labels.csv", "--verdicts", "v.csv", "--keep", "k.json")
+    for name in ("v.csv", "k.json"):
+        for number, table in enumerate((Path(name), with_crlf(Path(name)))):
+            run("keep", "drive.csv", "-o", f"{name}{number}.json", "--verdicts", str(table))
+        kept = [json.loads(Path(f"{name}{number}.json").read_text())["episodes"] for number in (0, 1)]
+        assert kept[0] == kept[1] != []
+
+
+def test_a_file_that_another_process_holds_open_stays_and_the_error_names_it(drive, monkeypatch):
+    def refuse(source, target):
+        raise PermissionError(13, "The process cannot access the file because it is being used by another process")
+
+    Path("kept.csv").write_text("old\n")
+    monkeypatch.setattr(os, "replace", refuse)
+    done = CliRunner().invoke(main, ["keep", "drive.csv", "-o", "kept.csv"])
+    assert done.exit_code == 2
+    assert "kept.csv" in done.stderr
+    assert "cannot be written" in done.stderr
+    assert Path("kept.csv").read_text() == "old\n"
+    assert {path.name for path in Path().iterdir()} == {"drive.csv", "kept.csv"}
+
+
+def test_output_is_moved_by_a_call_that_every_system_has(tmp_path, monkeypatch):
+    """`os.rename` does not replace a file on Windows."""
+    monkeypatch.delattr(os, "rename")
+    (tmp_path / "a.txt").write_text("old")
+    with replacing(tmp_path / "a.txt") as temporary:
+        temporary.write_text("new")
+    assert (tmp_path / "a.txt").read_text() == "new"
+
+
+ELSEWHERE = """
+import os, signal, sys
+for name in ("fork", "forkpty", "register_at_fork", "sched_getaffinity", "sysconf", "getuid", "geteuid", "mkfifo",
+             "O_TMPFILE", "O_NOFOLLOW", "O_DIRECTORY", "killpg", "setsid", "fchmod", "chown", "link"):
+    if hasattr(os, name):
+        delattr(os, name)
+for name in [name for name in dir(signal) if name.startswith("SIG") and name not in ("SIGINT", "SIGTERM", "SIG_DFL",
+             "SIG_IGN", "SIGABRT", "SIGFPE", "SIGILL", "SIGSEGV")]:
+    delattr(signal, name)
+sys.modules.update(dict.fromkeys(("fcntl", "resource", "pwd", "grp", "termios")))
+import rpil
+from rpil.cli.main import main
+def call(*words):
+    print(words, main([*words], standalone_mode=False))
+call("info", "drive.csv")
+call("check", "drive.csv")
+call("audit", "drive.csv", "--verdicts", "v.csv", "--report", "a.html", "--quiet", "--memory", "64KB")
+call("keep", "drive.csv", "-o", "kept.csv", "--labels", "labels.csv", "--quiet")
+call("fit", "drive.csv", "-o", "policy.rpil", "--quiet")
+print(rpil.RPIL().fit(rpil.open("drive.csv", on_disk=True)).audit_.verdicts)
+"""
+
+
+@pytest.mark.slow
+def test_the_same_without_fork_signals_and_what_only_linux_has(drive, tmp_path, monkeypatch):
+    Path("labels.csv").write_text("id,label\n0,bad\n4,bad\n1,good\n")
+    (tmp_path / "temporary").mkdir()
+    environment = os.environ | {"TMPDIR": str(tmp_path / "temporary")}
+    code = [sys.executable, "-W", "error", "-c", ELSEWHERE]
+    there = subprocess.run(code, env=environment, capture_output=True, text=True, check=False)
+    assert there.returncode == 0, there.stderr
+    assert list((tmp_path / "temporary").iterdir()) == []  # copies of rows go with their process
+    table = Path("v.csv").read_text()
+    run("audit", "drive.csv", "--verdicts", "v.csv", "--memory", "64KB")
+    assert [row.split(",")[:2] for row in Path("v.csv").read_text().splitlines()] == [
+        row.split(",")[:2] for row in table.splitlines()
+    ]
+
+
+def test_names_with_backslashes_lead_to_files(tmp_path, monkeypatch):
+    """As a table that was written on Windows names its pictures."""
+    monkeypatch.chdir(tmp_path)
+    TOOL["write_demonstrations"](Path("drive.csv"))
+    Path("frames").mkdir()
+    header, *rows = Path("drive.csv").read_text().splitlines()
+    lines = [f"{header},image_path", *(f"{row},frames\\{number}.png" for number, row in enumerate(rows))]
+    Path("drive.csv").write_text("\r\n".join(lines) + "\r\n")
+    for number in range(len(rows)):
+        Path(f"frames/{number}.png").write_bytes(b"picture")
+    assert "named files" not in rpil.check("drive.csv").counts
+    Path("frames/7.png").unlink()
+    assert rpil.check("drive.csv").counts["named files"] == 1

@@ -1,0 +1,141 @@
+"""Properties of every audit: what changes nothing of the demonstrations changes no word about them.
+
+Sets are drawn by hypothesis: careful people beside careless ones or ones with another rule, in classes or numbers.
+``RPIL_EXAMPLES=100`` draws more of them for each property than the few of every day.
+"""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+
+import rpil
+
+pytest.importorskip("hypothesis", reason="hypothesis is not installed: pip install 'rpil[dev]'")
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+pytestmark = pytest.mark.slow
+PHASES = (Phase.explicit, Phase.generate)  # to shrink takes a hundred audits, and a seed is small already
+N_EXAMPLES = int(os.environ.get("RPIL_EXAMPLES", "4"))
+FEW = settings(
+    max_examples=N_EXAMPLES, deadline=None, derandomize=True, phases=PHASES, suppress_health_check=list(HealthCheck)
+)
+
+
+class Drawn(tuple):
+    """A set, which is told in a line where a property fails."""
+
+    def __repr__(self) -> str:
+        return f"<{self[3]} good of {self[2].max() + 1}, {self[1].dtype}, first {self[0][0, 0]:.6f}>"
+
+
+@st.composite
+def sets(draw, n_bad=st.integers(0, 5)):
+    """Observations, actions and ids of some demonstrations, and the number of good ones, which come first."""
+    rng = np.random.default_rng(draw(st.integers(0, 10_000)))
+    good, bad = draw(st.integers(8, 14)), draw(n_bad)
+    lengths = rng.integers(20, 40, good + bad)
+    ids = np.repeat(np.arange(good + bad), lengths)
+    states = rng.normal(size=(len(ids), 3))
+    rule = states @ rng.normal(size=3)
+    wrong = rng.normal(size=len(ids)) if draw(st.booleans()) else -rule
+    acted = np.where(ids < good, rule, wrong) + 0.1 * rng.normal(size=len(ids))
+    actions = (acted > 0).astype(int) if draw(st.booleans()) else acted[:, None]
+    return Drawn((states, actions, ids, good))
+
+
+def words(data: object, **options: object) -> dict[object, str]:
+    audit = rpil.audit(data, **options)
+    return dict(zip(audit.ids, audit.verdicts, strict=True)) | {"finding": audit.finding}
+
+
+def made(states, actions, ids, names=()) -> rpil.Demonstrations:
+    return rpil.Demonstrations.from_groups(states, actions, ids, observation_names=names)
+
+
+@FEW
+@given(sets(), st.integers(0, 1000))
+def test_order_and_names_change_no_word(drawn, seed):
+    states, actions, ids, _ = drawn
+    first = words(made(states, actions, ids))
+    order = np.random.default_rng(seed).permutation(ids.max() + 1)
+    rows = np.concatenate([np.flatnonzero(ids == m) for m in order])
+    other = words(made(states[rows], actions[rows], ids[rows], ["zeta", "alpha", "mid"]))
+    assert other == first
+    renamed = np.array([f"run {m * 7 % 101}" for m in range(ids.max() + 1)])
+    of_names = words(made(states, actions, renamed[ids]))
+    assert {m: of_names[renamed[m]] for m in range(ids.max() + 1)} == {m: first[m] for m in range(ids.max() + 1)}
+
+
+@FEW
+@given(sets(), st.lists(st.sampled_from([0.001, 0.0254, 1.0, 57.3, 1000.0]), min_size=4, max_size=4))
+def test_units_change_no_word(drawn, units):
+    states, actions, ids, _ = drawn
+    scaled = actions if actions.dtype == int else actions * units[3]
+    assert words(made(states * units[:3] + np.multiply(units[:3], 5), scaled, ids)) == words(made(states, actions, ids))
+
+
+@FEW
+@given(sets())
+def test_single_precision_changes_no_word(drawn):
+    states, actions, ids, _ = drawn
+    states = states.astype(np.float32)  # the same numbers, in either precision
+    assert words(made(states, actions, ids)) == words(made(states.astype(float), actions, ids))
+
+
+@FEW
+@given(sets(n_bad=st.integers(1, 4)))
+def test_doubling_all_turns_nothing(drawn):
+    states, actions, ids, _ = drawn
+    once, n = words(made(states, actions, ids)), ids.max() + 1
+    twice = words(made(np.tile(states, (2, 1)), np.concatenate([actions, actions]), np.concatenate([ids, ids + n])))
+    assert twice["finding"] == once["finding"]
+    assert {m: twice[m] for m in range(n)} == {m: twice[m + n] for m in range(n)} == {m: once[m] for m in range(n)}
+
+
+@FEW
+@given(drawn=sets())
+def test_files_memory_and_disk_change_no_word(drawn, tmp_path_factory):
+    states, actions, ids, _ = drawn
+    folder = tmp_path_factory.mktemp("set")
+    rpil.write(folder / "all.csv", made(states, actions, ids))
+    rpil.write(folder / "all.parquet", made(states, actions, ids))
+    half = ids.max() // 2
+    (folder / "split").mkdir()
+    for name, part in (("a", ids <= half), ("b", ids > half)):
+        rpil.write(folder / "split" / f"{name}.csv", made(states[part], actions[part], ids[part]))
+    first = words(folder / "all.csv")
+    assert words(folder / "all.parquet") == first
+    assert words(folder / "split") == first
+    assert words(rpil.open(folder / "all.csv", on_disk=True)) == first
+
+
+def test_a_cluster_changes_no_word():
+    distributed = pytest.importorskip("distributed", reason="distributed is not installed: pip install 'rpil[dask]'")
+    with distributed.Client(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as client:
+
+        @settings(FEW, max_examples=max(2, N_EXAMPLES // 4))
+        @given(sets())
+        def same(drawn):
+            states, actions, ids, _ = drawn
+            data = made(states, actions, ids)
+            here, there = (rpil.RPIL(engine=each).fit(data).audit_ for each in (None, rpil.DaskEngine(client)))
+            assert (there.finding, there.verdicts) == (here.finding, here.verdicts)
+
+        same()
+
+
+@FEW
+@given(sets(n_bad=st.just(0)), st.integers(0, 1000))
+def test_one_more_good_one_ranks_above_a_random_one(drawn, seed):
+    states, actions, ids, good = drawn
+    rng = np.random.default_rng(seed)
+    last = np.flatnonzero(ids == good - 1)
+    chance = rng.permutation(actions[last]) if actions.dtype == int else rng.normal(size=(len(last), 1)) * actions.std()
+    rows = np.concatenate([np.arange(len(ids)), last])
+    more = np.concatenate([ids, np.full(len(last), good)])
+    audit = rpil.audit(made(states[rows] + 0.0, np.concatenate([actions, chance]), more))
+    assert audit.log_odds[good] <= audit.log_odds[good - 1]
