@@ -65,13 +65,17 @@ def check(
         suppressed = read_expected(expected) if expected else {}
         # Missing values are findings, and damage alone is skipped.
         damage = replace(columns, skip_bad=columns.skip_bad and "damage", allow_missing=True)
+        refused: DataError | None = None
         try:
             read: Recording | str = commands.open_recording(file, damage, progress)
-        except DataError:
-            read = file  # whose files alone are looked at then
+        except DataError as error:
+            read, refused = file, error  # the files alone are looked at then
         progress("checking the steps, and looking at the videos" if options["video"] else "checking")
         looks = {"fps": options["fps"], "video": options["video"]}
-        report = find_faults(read, expected=suppressed, skip_bad=bool(columns.skip_bad), **looks)
+        try:
+            report = find_faults(read, expected=suppressed, skip_bad=bool(columns.skip_bad), **looks)
+        except DataError as error:
+            raise refused or error from None
         if output:
             report.write(output)
     if not isinstance(read, str):
