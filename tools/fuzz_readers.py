@@ -144,7 +144,6 @@ READERS: dict[str, tuple[Maker, Reader]] = {
     **{name: (make, read_data) for name, make in SAMPLES.items()},
     "policy": (policy, lambda path, _: rpil.load(path)),
     "labels, CSV": (text("l.csv", CSV_LABELS), lambda path, _: formats.read_labels(path)),
-    "labels, JSON": (text("l.json", LABELS), lambda path, _: formats.read_labels(path)),
     "verdicts, CSV": (text("v.csv", "id,verdict\né0,expert\nb,adversary\n"), lambda path, _: read_verdicts(path)),
     "verdicts, Parquet": (parquet_verdicts, lambda path, _: read_verdicts(path)),
     "expected, JSON": (text("e.json", RULES), lambda path, _: read_expected(path)),

@@ -157,12 +157,12 @@ def test_repeated_columns(path):
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
-        ({"obs_x": [[1.0, 2.0], [1.0], [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x' holds 1 numbers, not 2"),
-        ({"obs_x": [[1.0, 2.0], None, [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x' has no value"),
-        ({"obs_x": pa.array([[], [], []], pa.list_(pa.float64())), "obs_y": None}, "observations must be"),
+        ({"obs_x": [[1.0, 2.0], [1.0], [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x.0' has no value"),
+        ({"obs_x": [[1.0, 2.0], None, [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x.0' has no value"),
+        ({"obs_x": pa.array([[], [], []], pa.list_(pa.float64())), "obs_y": None}, "no column holds observations"),
         ({"obs_x": [[[1.0]], [[1.0]], [[1.0]]], "obs_y": None}, "no column holds observations"),
         ({"episode_index": [1.0, np.nan, 1.0]}, "fill in the missing"),
-        ({"episode_index": [[1], [2], [3]]}, "demonstration ids must be numbers or text"),
+        ({"episode_index": [[1], [2], [3]]}, "no column says which demonstration"),
     ],
 )
 def test_bad_parquet_tables(tmp_path, changes, match):

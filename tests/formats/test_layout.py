@@ -37,7 +37,7 @@ def recorded(path, on_disk, **options):
         ({"exclude": ["ARM.0", "actions.*2", "z"]}, ("arm.1", "arm.2", "arm.3", "actions.0", "actions.1")),
         ({"exclude": "a*.3,observation.z"}, ("arm.0", "arm.1", "arm.2", *EVERY[5:])),
         ({"exclude": "arm.*"}, ("z", *EVERY[5:])),
-        ({"observations": "arm.3,arm.0"}, ("arm.0", "arm.3", *EVERY[5:])),
+        ({"observations": "arm.3,arm.0"}, ("arm.3", "arm.0", *EVERY[5:])),
         ({"observations": "*.3"}, ("arm.3", *EVERY[5:])),
         ({"action": "actions.1"}, (*EVERY[:5], "actions.1")),
         ({"action": "actions.[02]", "exclude": "arm.*"}, ("z", "actions.0", "actions.2")),
@@ -60,11 +60,11 @@ def test_every_name_that_is_printed_can_be_named(tmp_path, options, read, on_dis
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"exclude": "arm.9"}, "a.parquet: no column, nor a number in one, is called 'arm.9'.*found 'arm.3'"),
+        ({"exclude": "arm.9"}, "a.parquet: no column is called 'arm.9'"),
         ({"observations": "colour"}, "no column is called 'colour'; correct observations"),
         ({"action": "arms.1"}, "no column is called 'arms.1'; correct action"),
-        ({"exclude": "actions.*"}, "leaves nothing of the action"),
-        ({"exclude": "arm.*,z"}, "leaves nothing of the observations"),
+        ({"exclude": "actions.*"}, "no column holds the action"),
+        ({"exclude": "arm.*,z"}, "no column holds observations"),
     ],
 )
 def test_names_of_nothing_are_refused(tmp_path, options, message):
@@ -85,5 +85,5 @@ def test_lists_of_another_length_in_a_later_batch_are_refused(monkeypatch):
     monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 10)
     lists = [[1.0, float(k), 2.0][: 2 + (k >= 20)] for k in range(40)]
     rows = pa.table({"episode": np.repeat(range(4), 10), "obs": lists, "action": NUMBERS[:, 0]})
-    with refused("demonstration 2, row 21: column 'obs' holds 3 numbers, not 2 as elsewhere"):
+    with refused("demonstration 2, row 21: column 'obs.0' has no value"):
         rpil.open(rows).demonstrations  # noqa: B018

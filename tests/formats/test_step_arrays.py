@@ -55,7 +55,7 @@ def test_a_demonstration_outliers_the_first_is_refused(second, message):
 class Declared:
     """An array that may only be asked for its size."""
 
-    shape, dtype = (5, 10**9), np.dtype(float)
+    shape, dtype = (5, 10**4), np.dtype(float)
 
     def __getitem__(self, rows):
         raise AssertionError("its values were read")
@@ -64,4 +64,4 @@ class Declared:
 def test_declared_sizes_are_checked_before_values_are_read():
     parts = [part("a", 5, **{"obs/arm": Declared()})]
     with pytest.raises(DataError, match=r"toy.hdf5: .*memory"):
-        from_parts(parts, "demo", "toy.hdf5", "toy", ColumnOptions(memory="100MB"))
+        from_parts(parts, "demo", "toy.hdf5", "toy", ColumnOptions(memory="100KB"))

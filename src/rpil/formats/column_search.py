@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 
@@ -19,12 +19,13 @@ from rpil.formats.columns import (
     ColumnOptions,
     Columns,
     Names,
+    by_column,
     check_names,
 )
 from rpil.formats.table import Kind
 
 *_EPISODE_WORDS, _ID_ALONE = spellings.EPISODE_COLUMNS
-_IDS: tuple[Kind, ...] = ("number", "text", "mixed", "time", "list")
+_IDS: tuple[Kind, ...] = ("number", "text", "mixed", "time")
 _ROLES: tuple[tuple[str, Sequence[re.Pattern[str]], tuple[Kind, ...]], ...] = (
     ("id", _EPISODE_WORDS, (*_IDS, "counter")),
     ("id", [_ID_ALONE], _IDS),
@@ -63,26 +64,32 @@ def find_columns(
     source: str,
     options: ColumnOptions = ColumnOptions(),
     default_id: str | None = None,
+    lists: Mapping[str, Sequence[str]] = {},
 ) -> Columns:
-    """The columns to read; a `DataError` where they cannot be found, and no `default_id` stands for the id."""
+    """The columns to read; a `DataError` where they cannot be found, and no `default_id` stands for the id.
+
+    Each number in one of the `lists` is a column, with the kind "list", and the role that its list has by name.
+    """
     check_names(names, source)
-    kinds = {**dict.fromkeys(names, "number"), **kinds}
-    return _Search([*kinds], kinds, source, options).columns(default_id)
+    owners = {part: name for name in names for part in lists.get(name, (name,))}
+    check_names([part for name in names for part in lists.get(name, (name,))], source)
+    kinds = {part: kinds.get(name, "number") for part, name in owners.items()}
+    return _Search(owners, kinds, source, options, lists).columns(default_id)
 
 
 @dataclass(eq=False)
 class _Search:
     """The search for the columns of one table; every column that is given a role leaves `free`."""
 
-    names: Sequence[str]
+    owners: Mapping[str, str]  # of each column the list that it is from, or itself
     kinds: Mapping[str, Kind]
     source: str
     options: ColumnOptions
-    chosen_parts: dict[str, list[str]] = field(default_factory=dict)
-    excluded_parts: dict[str, bool] = field(default_factory=dict)
+    lists: Mapping[str, Sequence[str]]
 
     def __post_init__(self) -> None:
-        self.plain = {name: plain_name(name) for name in self.names}
+        self.names = [*self.owners]
+        self.plain = {name: plain_name(owner) for name, owner in self.owners.items()}
         self.excluded = {*self.matching(self.options.exclude, "exclude")}
         self.ignored = dict.fromkeys(self.excluded, "excluded as asked")
         self.free = {name: None for name in self.names if name not in self.ignored}
@@ -119,9 +126,8 @@ class _Search:
         times = [name for name in times if self.kinds[name] in ("number", "time", "counter")]
         return Columns(
             *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, tuple(parts), operator),
-            *(task, ignored, options, tuple(times), session, outcomes),
-            chosen_parts=self.chosen_parts,
-            excluded_parts=self.excluded_parts,
+            *(task, by_column(ignored, self.lists), options, tuple(times), session, outcomes),
+            lists=self.lists,
             source=self.source,
             id_chosen=options.id is not None,
             made=() if episode in self.kinds or episode == default_id else (STRETCH,),
@@ -154,7 +160,7 @@ class _Search:
             raise self.no_column(what, "id", "split_gap")
         others = [name for name in found if name != wanted]
         self.ignored |= dict.fromkeys(others, "another id")
-        return wanted, [name for name in others if self.kinds[name] != "list"]
+        return wanted, others
 
     def actions(self, given: Collection[str | None]) -> tuple[list[str], bool]:
         """The columns of the action, and whether it is one column."""
@@ -162,9 +168,8 @@ class _Search:
         for whole, part in spellings.ACTION_COLUMNS:
             found = [name for name, plain in free if whole.fullmatch(plain) and self.kinds[name] != "nested"]
             if found:  # `action` comes before `action_id`, which comes before `action_name`
-                return [
-                    min(found, key=lambda name: (self.plain[name] not in spellings.ACTION, self.kinds[name] == "text"))
-                ], True
+                best = min(found, key=lambda m: (self.plain[m] not in spellings.ACTION, self.kinds[m] == "text"))
+                return [name for name in found if self.owners[name] == self.owners[best]], True
             parts = ((name, plain) for name, plain in free if part.fullmatch(plain))
             numbers = [name for name, plain in parts if plain[-1].isdigit() or self.kinds[name] in (*_NUMBERS, "text")]
             if found := [name for name in numbers if not spellings.ABOUT_ACTION.fullmatch(self.plain[name])]:
@@ -193,7 +198,7 @@ class _Search:
             named = [name for name in free if spellings.STATE.fullmatch(self.plain[name])]
             named = [] if len(named) == 1 and self.kinds[named[0]] != "list" else named
         for name in {*free} - {*(named or free)}:
-            self.ignored[name] = f"not named as an observation, as {named[0]} is"
+            self.ignored[name] = f"not named as an observation, as {self.owners[named[0]]} is"
         return named or free
 
     def reason(self, name: str) -> str:
@@ -238,11 +243,7 @@ class _Search:
         texts = [wanted] if isinstance(wanted, str) else wanted
         for pattern in (p.strip() for text in texts for p in ([text] if text in self.plain else text.split(","))):
             hits = self.named(pattern)
-            if option == "exclude":
-                self.excluded_parts[pattern] = bool(hits)
-            elif not hits and option in ("observations", "action"):
-                hits = self.with_part(pattern, option)
-            if not hits and not (option == "exclude" and "list" in self.kinds.values()):
+            if not hits:
                 close = get_close_matches(pattern, self.names[:10_000], 3) or self.names
                 said = f"no column is called {pattern!r}; correct <option> (found {quoted(close)})"
                 raise DataError(f"{self.source}: {said}.", option)
@@ -251,27 +252,15 @@ class _Search:
 
     def named(self, pattern: str) -> list[str]:
         """The columns of this name, or with the same words or the pattern, else as `rpil info` prints them."""
-        if pattern in self.plain:
-            return [pattern]
+        if pattern in self.plain or pattern in self.lists:
+            return [*self.lists.get(pattern, [pattern])]
         lower, plain = pattern.lower(), plain_name(pattern)
         if any(sign in pattern for sign in "*?["):
-            found = [name for name in self.names if fnmatchcase(name.strip().lower(), lower)]
+            each = ((name, (name, owner)) for name, owner in self.owners.items())
+            found = [name for name, own in each if any(fnmatchcase(one.strip().lower(), lower) for one in own)]
         else:
             found = [name for name in self.names if self.plain[name] == plain]
         return found or [name for name in self.names if fnmatchcase(short_name(name).lower(), lower)]
-
-    def with_part(self, pattern: str, option: str) -> list[str]:
-        """The columns of lists of which `pattern` may name a number; numbers have names when they are read."""
-        start, *more = re.split(r"[*?\[]", pattern.lower())
-        found = []
-        for name in self.free:
-            prefix, plain = f"{short_name(name)}.".lower().lstrip("."), self.plain[name]
-            is_action = any(one.fullmatch(plain) for pair in spellings.ACTION_COLUMNS for one in pair)
-            may_begin = more and prefix.startswith(start) and (option == "action") == is_action
-            if self.kinds[name] == "list" and (may_begin or start.startswith((prefix, f"{name.lower()}."))):
-                self.chosen_parts.setdefault(name, []).append(pattern)
-                found.append(name)
-        return found
 
     def refuse_named(self, episode: str, actions: Sequence[str], asked: Sequence[str]) -> None:
         """A `DataError` where the user names the id as an action, or either of them as an observation."""
@@ -283,9 +272,10 @@ class _Search:
     def no_column(self, what: str, *options: str) -> DataError:
         """The error that no column is what it says; it lists the columns, with the kind of those that are not read."""
         unread = ("nested", "text", "empty")
-        shown = [(quoted([name]), self.kinds[name]) for name in self.names[:12]]
+        owners = {owner: self.kinds[name] for name, owner in self.owners.items()}
+        shown = [(quoted([name]), kind) for name, kind in [*owners.items()][:12]]
         listed = ", ".join(f"{name} ({kind})" if kind in unread else name for name, kind in shown)
-        more = ", ..." if len(self.names) > 12 else ""
+        more = ", ..." if len(owners) > 12 else ""
         pauses = ", or end demonstrations at pauses with <option>" if len(options) > 1 else ""
         said = f"no column {what} with <option> (found {listed}{more}){pauses}"
         return DataError(f"{self.source}: {said}.", options)

@@ -12,6 +12,7 @@ from rpil.data.arrays import ActionKind, Id
 from rpil.data.errors import DataError
 from rpil.data.id_values import is_id_file
 from rpil.data.memory import Size, parse_size
+from rpil.data.names import short_name
 from rpil.data.recorded_facts import FILE_SESSION
 
 Names = str | Sequence[str]
@@ -119,9 +120,7 @@ class Columns:
     times: tuple[str, ...] = ()  # timestamps that are neither data nor the order
     session: str | None = None  # or FILE_SESSION
     outcomes: tuple[str, ...] = ()  # and LENGTH; with a minus where more is worse
-    # Of columns of which not all are read:
-    chosen_parts: Mapping[str, Names] = field(default_factory=dict, compare=False)
-    excluded_parts: Mapping[str, bool] = field(default_factory=dict, compare=False)  # pattern -> also names columns
+    lists: Mapping[str, Sequence[str]] = field(default_factory=dict, compare=False)  # columns of the numbers of a list
     source: str = field(default="", compare=False)  # in messages
     id_chosen: bool = False  # by the user, and not by its name
     made: tuple[str, ...] = ()  # columns that are not in the rows of the file yet
@@ -130,9 +129,16 @@ class Columns:
 
     def without_observations(self, reasons: Mapping[str, str]) -> Columns:
         """The same, where some columns are no observations for the `reasons`, of which a time may give the order."""
-        ignored, clocks = {**self.ignored, **reasons}, (m for m, why in reasons.items() if why == TIME_OF_STEP)
+        ignored = {**self.ignored, **by_column(reasons, self.lists)}
+        clocks = (m for m, why in reasons.items() if why == TIME_OF_STEP)
         left = tuple(m for m in self.observations if m not in reasons)
         return replace(self, observations=left, ignored=ignored, times=(*self.times, *clocks))
+
+    @property
+    def stored(self) -> list[str]:
+        """The columns of the file that hold all columns to read."""
+        owners = {part: name for name, parts in self.lists.items() for part in parts}
+        return list(dict.fromkeys(owners.get(name, name) for name in self.all))
 
     @property
     def data(self) -> list[str]:
@@ -156,6 +162,14 @@ class Columns:
     def _there(self, *names: str) -> list[str]:
         """Different names, without those of columns that are not there yet."""
         return [name for name in dict.fromkeys(names) if name not in self.made]
+
+
+def by_column(reasons: Mapping[str, str], lists: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    """The `reasons` of columns, by the name of a list where all of its numbers have the same one."""
+    owners = {part: name for name, parts in lists.items() for part in parts}
+    alike = {name for name, parts in lists.items() if len({reasons.get(part) for part in parts}) == 1}
+    names = {part: owners[part] if owners[part] in alike else short_name(part) for part in owners}
+    return {names.get(name, name): why for name, why in reasons.items()}
 
 
 def check_names(names: Sequence[str], source: str) -> None:

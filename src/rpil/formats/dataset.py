@@ -5,9 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
-from fnmatch import fnmatchcase
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
@@ -18,7 +16,7 @@ from rpil.data.demonstrations import BLOCK_STEPS, Block, Demonstrations, Demonst
 from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.data.memory import Size, check_memory
-from rpil.data.names import quoted, short_name
+from rpil.data.names import short_name
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
 from rpil.formats.steps import Steps
@@ -26,76 +24,55 @@ from rpil.formats.table import Place
 from rpil.numerics.types import Array
 
 
-class Column(NamedTuple):
-    """A column that is read: the names of the numbers that are, and which they are of all that a row has."""
-
-    name: str
-    parts: tuple[str, ...]
-    mask: Array | None = None  # where not all are read
-
-    @property
-    def width(self) -> int:
-        """The numbers that a row has."""
-        return len(self.parts if self.mask is None else self.mask)
-
-    def cut(self, values: Array) -> Array:
-        """Of values (N, K) those that are read; all where rows have more or fewer than there should be."""
-        return values if self.mask is None or values.shape[1:] != self.mask.shape else values[:, self.mask]
-
-
 @dataclass(frozen=True, eq=False)
 class Layout:
     """The arrays that columns make."""
 
-    observations: tuple[Column, ...]
-    actions: tuple[Column, ...]
+    observations: tuple[str, ...]
+    actions: tuple[str, ...]
+    names: Mapping[str, str]  # of these columns, as they are shown
     observation: np.dtype[np.generic]
     action: np.dtype[np.generic]
     n_parts: int  # of an action; 0 where actions are discrete, and where a single number may yet be
-    left_out: Mapping[str, str]  # names of the numbers in lists that are not read, and why
+    order: Literal["F", "C"]  # of observations, as in the files, so that nothing is transposed
     allows_missing: bool  # whether numbers may be NaN or infinite
     action_kind: ActionKind  # as the user wants it
 
     @classmethod
-    def of(cls, table: pa.Table, columns: Columns, joints: Mapping[str, Sequence[str]]) -> Layout:
-        """By the types of the columns, and the first lists in them; `joints` name the numbers of a list."""
-        observations, actions, left_out = _chosen(table, columns, joints)
-        if not actions or not observations:
-            what = "action" if observations else "observations"
-            raise DataError(f"{columns.source}: <option> leaves nothing of the {what}; correct it.", "exclude")
-        kinds = ({value_type(table[one.name].type) for one in own} for own in (observations, actions))
+    def of(cls, schema: pa.Schema, columns: Columns) -> Layout:
+        """By the types of the columns."""
+        seen, acted = columns.observations, columns.actions
+        kinds = ({value_type(schema.field(name).type) for name in own} for own in (seen, acted))
         observation, action = (np.dtype(np.float32 if own == {np.dtype(np.float32)} else np.float64) for own in kinds)
-        first, n_parts = actions[0], sum(len(one.parts) for one in actions)
-        own_type = value_type(table[first.name].type)
-        is_list_of_floats = own_type.kind == "f" and flat.kind_of_type(table[first.name].type) == "list"
-        may_be_class = columns.one_action and first.mask is None and not is_list_of_floats
+        own_type, n_parts = value_type(schema.field(acted[0]).type), len(acted)
+        of_list = next((parts for parts in columns.lists.values() if acted[0] in parts), ())
+        may_be_class = columns.one_action and not (len(of_list) > 1 or (of_list and own_type.kind == "f"))
         if n_parts == 1 and (may_be_class or columns.options.action_kind == "discrete"):
             n_parts, action = 0, action if own_type.kind == "f" else own_type
+        has_lists = any(len({*parts} & {*seen}) > 1 for parts in columns.lists.values())
         allows_missing = columns.options.allow_missing or columns.options.skip_bad is True
-        asked = allows_missing, columns.options.action_kind
-        return cls(observations, actions, observation, action, n_parts, left_out, *asked)
+        asked = "C" if has_lists else "F", allows_missing, columns.options.action_kind
+        return cls(seen, acted, _shown(seen) | _shown(acted), observation, action, n_parts, *asked)
 
     @property
     def observation_names(self) -> tuple[str, ...]:
         """Of the D numbers of an observation."""
-        return tuple(part for one in self.observations for part in one.parts)
+        return tuple(self.names[name] for name in self.observations)
 
     @property
     def action_names(self) -> tuple[str, ...]:
         """Of the numbers of an action."""
-        return tuple(part for one in self.actions for part in one.parts)
+        return tuple(self.names[name] for name in self.actions)
 
     @property
     def columns(self) -> list[str]:
         """The columns that are read."""
-        return [one.name for one in (*self.actions, *self.observations)]
+        return [*self.actions, *self.observations]
 
     def empty(self, n_steps: int) -> tuple[Array, Array]:
         """Uninitialised observations (n_steps, D) and actions, (n_steps,) or (n_steps, A)."""
-        # As in the files, so that nothing is transposed.
-        order: Literal["F", "C"] = "C" if any(len(one.parts) > 1 for one in self.observations) else "F"
         shape = (n_steps, self.n_parts) if self.n_parts else (n_steps,)
-        return np.empty((n_steps, len(self.observation_names)), self.observation, order), np.empty(shape, self.action)
+        return np.empty((n_steps, len(self.observations)), self.observation, self.order), np.empty(shape, self.action)
 
     def write(self, steps: Steps, first: int, observations: Array, actions: Array) -> None:
         """Write steps from the `first` one on to two arrays, which say how many; a `DataError` where a value is missing
@@ -106,68 +83,20 @@ class Layout:
                 self._fill(observations[own], table, self.observations, at)
                 self._fill(actions[own].reshape(len(table), -1), table, self.actions, at)
 
-    def _fill(self, out: Array, table: pa.Table, columns: Sequence[Column], at: Place) -> None:
-        start = 0
-        for one in columns:
-            block = flat.column_values(table, one.name, at, self.allows_missing)
-            if block.dtype.kind == "U" and out.dtype.kind != "U":
-                row = next((row for row, text in enumerate(block) if not flat.is_number(text)), 0)
-                said = (
-                    f"holds text ({str(block[row])[:40]!r}), not numbers; write numbers, or leave the column out with"
-                )
-                raise DataError(f"{at(row)}: column {one.name!r} {said} <option>.", "exclude")
-            block = block.reshape(len(block), -1)
-            if block.shape[1] != one.width:
-                fault = f"holds {block.shape[1]} numbers, not {one.width} as elsewhere"
-                raise DataError(f"{at(0)}: column {one.name!r} {fault}.")
-            out[:, start : start + len(one.parts)] = one.cut(block)
-            start += len(one.parts)
+    def _fill(self, out: Array, table: pa.Table, columns: Sequence[str], at: Place) -> None:
+        for k, name in enumerate(columns):
+            values = flat.column_values(table, name, at, self.allows_missing)
+            if values.dtype.kind == "U" and out.dtype.kind != "U":
+                row = next((row for row, text in enumerate(values) if not flat.is_number(text)), 0)
+                said = f"column {name!r} holds text ({str(values[row])[:40]!r}), not numbers"
+                raise DataError(f"{at(row)}: {said}; write numbers, or leave the column out with <option>.", "exclude")
+            out[:, k] = values
 
 
-def _chosen(
-    table: pa.Table, columns: Columns, joints: Mapping[str, Sequence[str]]
-) -> tuple[tuple[Column, ...], tuple[Column, ...], dict[str, str]]:
-    """The columns of observations, and of actions, of which a number is read, and why other numbers are not.
-
-    A `DataError` where a name that the user gave is that of no column and of no part.
-    """
-    left_out, known, found, excluded = dict[str, str](), list[str](), list[tuple[Column, ...]](), columns.excluded_parts
-    unknown = dict.fromkeys(pattern for patterns in columns.chosen_parts.values() for pattern in patterns)
-    unknown |= {pattern: None for pattern, is_known in excluded.items() if not is_known}
-
-    def is_named(part: str, column: str, patterns: Iterable[str]) -> bool:
-        """Whether one of the `patterns` names a number, with the column's whole name or its short one."""
-        spellings = {part.lower(), f"{column}.{part.removeprefix(short_name(column)).lstrip('.')}".lower()}
-        hits = [pattern for pattern in patterns if any(fnmatchcase(text, pattern.lower()) for text in spellings)]
-        for pattern in hits:
-            unknown.pop(pattern, None)
-        return bool(hits)
-
-    for names in (columns.observations, columns.actions):
-        lists = [name for name in names if flat.kind_of_type(table[name].type) == "list"]
-        rows = {name: next((row for row in table[name] if row.is_valid), [None]) for name in lists}
-        widths, own, first = {name: len(rows.get(name, [None])) for name in names}, list[Column](), 0
-        parts = flat.part_names(widths, joints)
-        known += parts
-        for name, width in widths.items():
-            these, patterns = parts[first : first + width], columns.chosen_parts.get(name)
-            first += width
-            without = {part for part in these if is_named(part, name, excluded)}
-            wanted = {part for part in these if patterns is None or is_named(part, name, patterns)}
-            read = tuple(part for part in these if part in wanted and (part not in without or width == 1))
-            why = ("not among those named", "excluded as asked")
-            left_out |= {part: why[part in without] for part in these if part not in read}
-            if read or not these:
-                own.append(Column(name, read, None if len(read) == width else np.isin(these, read)))
-        found.append(tuple(own))
-    for pattern in unknown:
-        close = get_close_matches(pattern, known, 3) or known
-        raise DataError(
-            f"{columns.source}: no column, nor a number in one, is called {pattern!r}; correct <option>, <option> or "
-            f"<option> (found {quoted(close)}).",
-            ("exclude", "observations", "action"),
-        )
-    return found[0], found[1], left_out
+def _shown(names: Sequence[str]) -> dict[str, str]:
+    """How columns are shown: without the prefix of observations, unless two are alike then."""
+    short = {name: short_name(name) or "0" for name in names}
+    return short if len({*short.values()}) == len(names) else dict(zip(names, names, strict=True))
 
 
 def value_type(kind: pa.DataType) -> np.dtype[np.generic]:
@@ -175,8 +104,6 @@ def value_type(kind: pa.DataType) -> np.dtype[np.generic]:
     if flat.kind_of_type(kind) == "text":
         return np.dtype(np.str_)
     kind = flat.plain_type(kind)
-    if flat.kind_of_type(kind) == "list":
-        kind = kind.value_type
     if pa.types.is_float32(kind):
         return np.dtype(np.float32)
     return np.dtype(np.int64 if pa.types.is_integer(kind) or pa.types.is_boolean(kind) else np.float64)

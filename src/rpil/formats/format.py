@@ -61,8 +61,11 @@ def from_arrow(
     kinds = {field.name: flat.kind_of_type(field.type) for field in table.schema}
     head = table.select([name for name, kind in kinds.items() if kind in ("number", "text")]).slice(0, flat.HEAD_ROWS)
     kinds |= flat.kinds_of(head)
-    columns = find_columns(table.column_names, kinds, source, options, default_id)
-    chosen = (one.select(columns.all) for one in chain([table], waiting))
+    lists = flat.parts_of_lists(table, {})
+    kinds |= {name: "nested" for name, kind in kinds.items() if kind == "list" and name not in lists}
+    columns = find_columns(table.column_names, kinds, source, options, default_id, lists)
+    every = chain([table], waiting)
+    chosen = (flat.flattened(one.select(columns.stored), lists, columns.all) for one in every)
     return StepTables(chosen, columns, source, format_name)
 
 

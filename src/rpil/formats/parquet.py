@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from itertools import chain
 from pathlib import Path
@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rpil.data.errors import DamagedError, DataError
-from rpil.data.files import replacing
+from rpil.data.files import StrPath, replacing
 from rpil.data.memory import check_memory
 from rpil.data.names import EPISODE, is_data
 from rpil.formats import table as flat
@@ -26,6 +26,7 @@ from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table import BATCH_ROWS, other_columns
 
 _HEAD_COLUMNS = 2000  # whose first values are looked at
+_ROWS_OF_LISTS = 16  # by which their widths are told
 _NESTED_ROWS = 1000  # read at a time where there are images
 
 Change = Callable[["pa.Table"], "pa.Table"]
@@ -43,7 +44,7 @@ def read_files(paths: Sequence[str], options: ColumnOptions, source: str) -> Ste
     name = name if len(paths) == 1 else f"{name}, {len(paths):,} files"
     if not options.on_disk:
         check_memory(n_bytes, source, options.memory)
-    return StepTables(_tables(paths, schema), columns, source, name, sizes, metadata, skipped=skipped)
+    return StepTables(_tables(paths, schema, columns), columns, source, name, sizes, metadata, skipped=skipped)
 
 
 def _opened_files(
@@ -57,11 +58,11 @@ def _opened_files(
         with opened(path) as file:
             if columns is None:  # so that damaged data are named before damaged metadata
                 metadata = read_metadata(paths)
-                columns = columns_of_file(file, name, options)
-            names, known = set(file.schema_arrow.names), {*columns.all, *columns.ignored}
-            if not names.issuperset(columns.all) or any(is_data(other) for other in names - known):
+                columns = columns_of_file(file, path, options, metadata.names)
+            names, known = set(file.schema_arrow.names), {*columns.stored, *columns.ignored, *columns.lists}
+            if not names.issuperset(columns.stored) or any(is_data(other) for other in names - known):
                 raise other_columns(name, next(iter(sizes)), names, known)
-            read = {*columns.all}
+            read = {*columns.stored}
             n_bytes += sum(check_sizes(file, read, path))
             own = pa.schema([one for one in file.schema_arrow if one.name in read])
             try:
@@ -71,11 +72,11 @@ def _opened_files(
             sizes[name] = file.metadata.num_rows
     if columns is None or not sum(sizes.values()):
         raise DataError(f"{paths[0]}: there are no demonstrations; give at least one with at least one step.")
-    return pa.schema([schema.field(one) for one in columns.all]), sizes, columns, metadata, n_bytes
+    return pa.schema([schema.field(one) for one in columns.stored]), sizes, columns, metadata, n_bytes
 
 
-def _tables(paths: Sequence[str], schema: pa.Schema) -> Iterator[pa.Table]:
-    """The rows of files, with the types of a schema."""
+def _tables(paths: Sequence[StrPath], schema: pa.Schema, columns: Columns) -> Iterator[pa.Table]:
+    """The rows of files, with the types of a schema of what is stored, in the columns that are read."""
     for path in paths:
         n_rows, name = 0, Path(path).name
         with opened(path) as file:
@@ -83,14 +84,17 @@ def _tables(paths: Sequence[str], schema: pa.Schema) -> Iterator[pa.Table]:
                 n_rows += len(batch)
                 table = pa.Table.from_batches([batch]).select(schema.names)
                 check_table(table, name)
-                yield table if table.schema.equals(schema) else table.cast(schema)
+                table = table if table.schema.equals(schema) else table.cast(schema)
+                yield flat.flattened(table, columns.lists, columns.all)
             if n_rows != file.metadata.num_rows:
                 raise ValueError(f"{n_rows} of {file.metadata.num_rows} rows are there")
 
 
-def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions) -> Columns:
+def columns_of_file(
+    file: pq.ParquetFile, path: StrPath, options: ColumnOptions, names: Mapping[str, Sequence[str]] = {}
+) -> Columns:
     """The columns of an open file, by their names, types and first values; a `DataError` where these are too large."""
-    schema = file.schema_arrow
+    schema, name = file.schema_arrow, Path(path).name
     check_names(schema.names, name)
     kinds = {field.name: flat.kind_of_type(field.type) for field in schema} if file.metadata.num_rows else {}
     # Of images no value is read, and of very many columns the types are enough.
@@ -101,7 +105,14 @@ def columns_of_file(file: pq.ParquetFile, name: str, options: ColumnOptions) -> 
     if head is not None:
         check_table(head, name)
         kinds |= flat.kinds_of(head)
-    return find_columns(schema.names, kinds, name, options)
+    lists = [column for column, kind in kinds.items() if kind == "list"]
+    check_sizes(file, lists, path)
+    few = next(file.iter_batches(_ROWS_OF_LISTS, columns=lists, use_threads=False), None) if lists else None
+    if few is not None:
+        few.validate(full=True)
+    parts = {} if few is None else flat.parts_of_lists(pa.Table.from_batches([few]), names)
+    kinds |= {column: "nested" for column in lists if column not in parts}
+    return find_columns(schema.names, kinds, name, options, lists=parts)
 
 
 def readable(paths: Sequence[str], source: str, skips: object = True) -> tuple[list[str], tuple[str, ...]]:
@@ -161,7 +172,7 @@ def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[s
     with opened(path) as file:
         schema = file.schema.to_arrow_schema()
         nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
-        column = columns_of_file(file, path.name, options).episode
+        column = columns_of_file(file, path, options).episode
         check_memory(max(check_sizes(file, schema.names, path), default=0), path.name, options.memory)
         yield schema.empty_table()
         names, owners = flat.id_codes(file.read([column], use_threads=False), column, lambda _: path.name)

@@ -23,7 +23,6 @@ from rpil.formats.dataset import Dataset, Layout
 from rpil.formats.format import Defect, StepTables
 from rpil.formats.metadata import (
     Clock,
-    Metadata,
     Times,
     clock_columns,
     different,
@@ -200,7 +199,7 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
             else end_to_end([*found.tables], source)
         )
     steps, columns = find_places(Steps(table, source, found.sizes), replace(found.columns, options=options))
-    layout = Layout.of(next(steps.tables(columns.data))[1], columns, found.metadata.names)
+    layout = Layout.of(steps.table.schema, columns)
     ids, asked = steps.ids, _asked(steps.ids, options, source)
     steps = steps.only(asked)
     seen, left_out, aside = scan(steps, layout, columns), dict[str, str](), list[Id]()
@@ -209,7 +208,7 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
         if not is_sound.any():
             raise DataError(f"{source}: in every demonstration a value is missing or infinite; exclude the column.")
         aside, left_out, steps = [steps.ids[m] for m in sorted(seen.faulty)], seen.left_out, steps.only(is_sound)
-        left = tuple(one for one in layout.observations if one.name not in left_out)
+        left = tuple(name for name in layout.observations if name not in left_out)
         seen = scan(steps, replace(layout, observations=left), columns)
     columns = columns.without_observations(left_out | seen.left_out)
     found = replace(found if len(steps.ids) == len(ids) else _of(found, steps.ids), tables=())
@@ -255,17 +254,13 @@ def _asked(ids: Sequence[Id], options: ColumnOptions, source: str) -> Array:
 
 def from_demonstrations(demonstrations: Demonstrations, format_name: str) -> StepTables:
     """The table of demonstrations in memory, of a format that has no table of columns."""
-    d, names = demonstrations, demonstrations.observation_names
-    observation = "observation" if len(names) > 1 else f"observation.{names[0]}"
-    columns = Columns("episode", ("action",), (observation,), True)
-    actions = pa.array(d.actions.reshape(-1))
-    table = {
-        columns.episode: np.repeat(np.array(d.ids), d.lengths),
-        observation: pa.FixedSizeListArray.from_arrays(pa.array(d.observations.reshape(-1)), len(names)),
-        "action": actions if d.is_discrete else pa.FixedSizeListArray.from_arrays(actions, d.actions.shape[1]),
-    }
-    sizes, metadata = {d.source: d.n_steps}, Metadata(names={observation: names})
-    return StepTables([pa.table(table)], columns, d.source, format_name, sizes, metadata)
+    d, seen = demonstrations, [f"observation.{name}" for name in demonstrations.observation_names]
+    acted = ["action"] if d.n_actions < 2 else [f"action.{k}" for k in range(d.n_actions)]
+    lists = {"observation": seen} | ({} if d.is_discrete else {"action": acted})
+    columns = Columns("episode", (*acted,), (*seen,), True, lists=lists)
+    table = {columns.episode: np.repeat(np.array(d.ids), d.lengths), **dict(zip(seen, d.observations.T, strict=True))}
+    table |= zip(acted, d.actions.reshape(d.n_steps, -1).T, strict=True)
+    return StepTables([pa.table(table)], columns, d.source, format_name, {d.source: d.n_steps})
 
 
 def _of(found: StepTables, ids: Sequence[Id]) -> StepTables:
@@ -308,7 +303,7 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
         operators=different(operators),
         task_column=columns.task,
         tasks=different(tasks, metadata.tasks),
-        ignored={**columns.ignored, **times, **videos, **layout.left_out, **origin.ignored},
+        ignored={**columns.ignored, **times, **videos, **origin.ignored},
         missing=missing,
         ranges=ranges,
         notes=(

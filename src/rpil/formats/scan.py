@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -42,23 +42,23 @@ class Scan:
     classes: Array = field(default_factory=lambda: np.empty(0))  # the different actions in order, if they are discrete
     fault: DataError | None = None  # of the first step whose action cannot be one
     left_out: dict[str, str] = field(default_factory=dict)  # columns that are no observations, and why by their values
-    repeats: set[str] = field(default_factory=set)  # columns that repeat the action of the step before
+    repeats: set[tuple[str, ...]] = field(default_factory=set)  # columns that repeat the action of the step before
     clocks: dict[str, float] = field(default_factory=dict)  # that grow by a constant, infinite before the first step
     faulty: set[int] = field(default_factory=set)  # demonstrations in which a value is missing or infinite
     _is_whole: bool = True
     _n_changes: int = 0
 
     def __post_init__(self) -> None:
-        self._read = (*self.layout.actions, *self.layout.observations)
-        n = sum(len(one.parts) for one in self._read)
+        self._read = self.layout.columns
+        n = len(self._read)
         self.missing, self.within = np.zeros(n, int), np.ones(n, bool)
         self.low, self.high = np.full(n, np.nan), np.full(n, np.nan)
 
     def add(self, table: pa.Table, owners: Array, at: Place) -> None:
         """Add the steps of whole demonstrations, whose numbers the `owners` (N,) are."""
         same = owners[1:] == owners[:-1]
-        read = {one.name: one.cut(flat.padded(table[one.name], one.width)) for one in self._read}
-        values = np.concatenate([*read.values()], axis=1, dtype=float).T.copy()  # in which numbers are compared fast
+        read = {name: flat.numbers_or_nothing(table[name]) for name in self._read}
+        values = np.stack([*read.values()], dtype=float)
         self.missing += np.isnan(values).sum(axis=1)
         self.low = np.fmin(self.low, np.fmin.reduce(values, axis=1))
         self.high = np.fmax(self.high, np.fmax.reduce(values, axis=1))
@@ -68,28 +68,27 @@ class Scan:
             now, then = (own[same] for own in (read[name][1:], read[name][:-1]))
             with np.errstate(invalid="ignore"):
                 grown, rounding = np.subtract(now, then, dtype=float), 2 * np.spacing(np.abs(now).max())
-                step = self.clocks[name] = min(self.clocks[name], float(grown[0, 0]))
+                step = self.clocks[name] = min(self.clocks[name], float(grown[0]))
                 near = _ROUNDING * step + float(rounding)
                 if not 4 * near < step < inf or not (np.abs(grown - step) <= near).all():
                     del self.clocks[name]
-        actions = np.concatenate([read[one.name] for one in self.layout.actions], axis=1)
+        actions = np.stack([read[name] for name in self.layout.actions], axis=1)
         before = actions[:-1][same]
-        same_values = ((name, read[name][1:][same]) for name in self.repeats)
+        same_values = ((own, np.stack([read[name] for name in own], axis=1)[1:][same]) for own in self.repeats)
         with np.errstate(invalid="ignore"):  # actions of damaged files need not be whole
-            self.repeats = {name for name, now in same_values if np.array_equal(now, before.astype(now.dtype))}
+            self.repeats = {own for own, now in same_values if np.array_equal(now, before.astype(now.dtype))}
         self._n_changes += int((before != actions[1:][same]).any(axis=1).sum())
         if not self.layout.n_parts:
             self._add_action(table, at)
 
     def _add_action(self, table: pa.Table, at: Place) -> None:
         """Add the actions of one column, but for those that are missing."""
-        (one,), layout = self.layout.actions, self.layout
+        (name,), layout = self.layout.actions, self.layout
         try:
-            values = flat.column_values(table, one.name, at, layout.allows_missing)
+            values = flat.column_values(table, name, at, layout.allows_missing)
         except DataError as error:
-            self.fault, table = self.fault or error, table.select([one.name]).drop_null()
-            values = flat.column_values(table, one.name, at) if len(table) else np.empty(0)
-        values = one.cut(values).reshape(-1)
+            self.fault, table = self.fault or error, table.select([name]).drop_null()
+            values = flat.column_values(table, name, at) if len(table) else np.empty(0)
         if values.dtype.kind == "f":
             finite = np.isfinite(values)
             if not finite.all():
@@ -105,12 +104,12 @@ class Scan:
     def finish(self, steps: Steps) -> None:
         """Decide what the actions are, and leave out `repeats`, if enough changes tell, and `clocks`, unless no other
         observation is left."""
-        repeats = sorted(self.repeats) if self._n_changes >= _FEW_STEPS else []
+        repeats = [name for own in sorted(self.repeats) for name in own] if self._n_changes >= _FEW_STEPS else []
         found = dict.fromkeys(repeats, "it repeats the last action") | dict.fromkeys(self.clocks, TIME_OF_STEP)
         self.left_out = found if len(found) < len(self.layout.observations) else {}
-        kinds = [value_type(steps.table.schema.field(one.name).type).kind for one in self._read for _ in one.parts]
+        kinds = [value_type(steps.table.schema.field(name).type).kind for name in self._read]
         self.low[np.array(kinds) == "U"] = np.nan  # texts have no range
-        left = [one for one in self.layout.observations if one.name not in self.left_out]
+        left = [name for name in self.layout.observations if name not in self.left_out]
         self.layout = layout = replace(self.layout, observations=tuple(left))
         if layout.n_parts:  # of which all are to be numbers
             texts = [part for part, kind in zip(layout.action_names, kinds, strict=False) if kind == "U"]
@@ -143,9 +142,9 @@ class Scan:
         """Smallest and largest of the numbers that are there; the observations that differ between demonstrations, and
         never within one; and how many values are missing by the column; without the columns that are left out."""
         ranges, constant, missing = dict[str, tuple[float, float]](), set[str](), Counter[str]()
-        names = [(one.name, part) for one in self._read for part in one.parts]
         stacked = np.stack([self.low, self.high, self.within, self.missing], axis=1).tolist()
-        for (column, part), (low, high, within, n) in zip(names, stacked, strict=True):
+        for column, (low, high, within, n) in zip(self._read, stacked, strict=True):
+            part = self.layout.names[column]
             if column not in self.left_out:
                 missing[column] += int(n)
                 ranges |= {part: (low, high)} if low == low else {}
@@ -158,10 +157,13 @@ def scan(steps: Steps, layout: Layout, columns: Columns) -> Scan:
     """Read all steps once."""
     found, lengths = Scan(layout), np.diff(steps.offsets)
     if not columns.options.observations:
-        widths = {one.name: len(one.parts) for one in layout.observations}
-        found.repeats = {name for name, width in widths.items() if width == max(layout.n_parts, 1)}
+        of_lists = {part: name for name, parts in columns.lists.items() for part in parts}
+        each = defaultdict[str, list[str]](list)  # the numbers of each column of the file
+        for name in layout.observations:
+            each[of_lists.get(name, name)].append(name)
+        found.repeats = {(*own,) for own in each.values() if len(own) == max(layout.n_parts, 1)}
         if lengths.max(initial=1) > 2:  # any two numbers differ by a constant
-            found.clocks = dict.fromkeys((name for name, width in widths.items() if width == 1), inf)
+            found.clocks = {own[0]: inf for own in each.values() if len(own) == 1}
     (bounds,) = shard_bounds(steps.offsets, 1, BLOCK_STEPS)
     for first, end in pairwise(bounds):
         rows = slice(int(steps.offsets[first]), int(steps.offsets[end]))

@@ -81,7 +81,8 @@ class Part:
         """The kind of an array by its shape and type; nested where it has no value for each step, or holds images."""
         array = self.arrays[name]
         shape, is_flat = array.shape, len(array.shape) == 1
-        is_image = not is_flat and (array.dtype == np.uint8 or (len(shape) > 2 and math.prod(shape[1:]) > MAX_MATRIX))
+        most = MAX_MATRIX if len(shape) > 2 else flat.WIDEST
+        is_image = not is_flat and (array.dtype == np.uint8 or math.prod(shape[1:]) > most)
         if not self.has_steps(name) or is_image:
             return "nested"
         if is_text(array.dtype):
@@ -106,32 +107,32 @@ def from_parts(
     parts = [part for part in parts if part.n_steps]
     check_any(len(parts), source)
     first, kinds = parts[0], _kinds(parts[0])
-    columns = find_columns(list(kinds), kinds, source, replace(options, id=options.id or id_column))
+    widths = {name: math.prod(first.arrays[name].shape[1:]) for name, kind in kinds.items() if kind == "list"}
+    lists = {name: flat.part_names(name, width, metadata.names.get(name, ())) for name, width in widths.items()}
+    columns = find_columns(list(kinds), kinds, source, replace(options, id=options.id or id_column), lists=lists)
     without = [name for name in columns.ignored if name in first.arrays and not first.has_steps(name)]
     more = (name for part in parts[1:] for name in (*part.arrays, *part.about) if name not in kinds)
     ignored = {**columns.ignored, **dict.fromkeys(without, NO_STEPS), **dict.fromkeys(more, NOT_IN_FIRST)}
     columns = replace(columns, ignored=ignored, id_chosen=options.id is not None)
     whole = [name for name in columns.all if all(name in part.about for part in parts)]
-    steps = [name for name in columns.all if name not in whole]
+    steps = [name for name in columns.stored if name not in whole]
     for part in sorted(parts, key=lambda part: all(name in part.arrays or name in part.about for name in steps)):
         place = f"{source}, demonstration {part.about[id_column]!r}" if id_column in part.about else source
         _check(part, first, steps, place)
     if not options.on_disk:
-        arrays = [part.arrays[name] for part in parts for name in columns.all if name in part.arrays]
+        arrays = [part.arrays[name] for part in parts for name in columns.stored if name in part.arrays]
         n_bytes = sum(max(BYTES_PER_NUMBER, one.dtype.itemsize) * math.prod(one.shape) for one in arrays)
         check_memory(n_bytes, source, options.memory)
     dtypes = {name: [part.arrays[name].dtype for part in parts] for name in steps}
     types = {m: None if is_text(own[0]) else np.result_type(*map(_native_type, own)) for m, own in dtypes.items()}
-    tables = (
-        pa.table(
-            {m: _column([part.arrays[m][rows] for part, rows in pieces], types[m]) for m in steps}
-            | {
-                m: pa.array([part.about[m] for part, rows in pieces for _ in range(rows.stop - rows.start)])
-                for m in whole
-            }
-        )
-        for pieces in _batches(parts)
-    )
+
+    def table_of(pieces: Pieces) -> pa.Table:
+        values = {m: _column([part.arrays[m][rows] for part, rows in pieces], types[m]) for m in steps}
+        lengths = [rows.stop - rows.start for _, rows in pieces]
+        about = {m: np.repeat(np.array([part.about[m] for part, _ in pieces]), lengths) for m in whole}
+        return flat.flattened(pa.table(values | about), columns.lists, columns.all)
+
+    tables = map(table_of, _batches(parts))
     if longer := [name for name in steps if any(part.arrays[name].shape[0] > part.n_steps for part in parts)]:
         notes = (*notes, f"The last value of {commas(longer)}, which comes after the last action, is left out.")
     if empty:

@@ -13,7 +13,7 @@ from rpil.data.arrays import LONGEST_TEXT, are_whole, as_array, check_any
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.memory import check_memory
-from rpil.data.names import EPISODE, STEP, action_columns, quoted, short_name
+from rpil.data.names import EPISODE, STEP, action_columns, quoted
 from rpil.numerics.types import Array
 
 Kind = Literal["number", "list", "text", "mixed", "time", "counter", "empty", "nested"]
@@ -24,6 +24,8 @@ Place = Callable[[int], str]
 
 BATCH_ROWS = 65_536
 """Maximum rows per batch."""
+
+WIDEST = 10_000  # numbers in a list that is no image
 
 HEAD_ROWS = 1000
 """Rows by which the kinds of columns are told."""
@@ -105,16 +107,33 @@ def plain_type(kind: pa.DataType) -> pa.DataType:
     return kind.value_type if pa.types.is_dictionary(kind) else kind
 
 
-def part_names(widths: Mapping[str, int], joints: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
-    """A name for every number in columns of these `widths`; no two alike."""
-    found = list[str]()
-    for name, width in widths.items():
-        short, own = short_name(name), joints.get(name, ())
-        each = map(str, own if len(own) == width else range(width))
-        found += [short or "0"] if width == 1 else [f"{short}.{part}" if short else part for part in each]
-    if len(set(found)) < len(found):
-        return tuple(f"{name}.{k}" for name, width in widths.items() for k in range(width))
-    return tuple(found)
+def part_names(name: str, width: int, names: Sequence[str] = ()) -> tuple[str, ...]:
+    """The columns of the numbers in a list `name` of this width, by their own `names` if there is one for each."""
+    own = map(str, names if len({*names}) == width else range(width))
+    return (name,) if width == 1 else tuple(f"{name}.{part}" for part in own)
+
+
+def parts_of_lists(head: pa.Table, names: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, ...]]:
+    """The columns of the numbers in each list of a table, whose first rows say how many these are."""
+    lists = {field.name: head[field.name] for field in head.schema if kind_of_type(field.type) == "list"}
+    first = {name: next((row for row in column if row.is_valid), ()) for name, column in lists.items()}
+    widths = {name: len(row) for name, row in first.items()}
+    return {m: part_names(m, width, names.get(m, ())) for m, width in widths.items() if width <= WIDEST}
+
+
+def flattened(table: pa.Table, lists: Mapping[str, Sequence[str]], wanted: Sequence[str]) -> pa.Table:
+    """The `wanted` columns, of which those of numbers in `lists` have no value where a row has more or fewer."""
+    columns, chosen = dict[str, Any](), {*wanted}
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if kind_of_type(column.type) != "list":
+            columns[name] = column
+            continue
+        column, parts = column.combine_chunks(), lists[name]
+        fits = pc.fill_null(pc.equal(pc.list_value_length(column), len(parts)), False).to_numpy(zero_copy_only=False)
+        if not fits.all():
+            column = column.take(pa.array(np.arange(len(column)), mask=~fits))
+        columns |= {part: pc.list_element(column, k) for k, part in enumerate(parts) if part in chosen}
+    return pa.table(columns).select(wanted)
 
 
 def is_number(text: str) -> bool:
@@ -126,37 +145,22 @@ def is_number(text: str) -> bool:
 
 
 def column_values(table: pa.Table, name: str, at: Place, allows_missing: bool = False) -> Array:
-    """One column as (N,) numbers or text, or as (N, K) numbers where it holds lists.
+    """One column as (N,) numbers or text.
 
-    A `DataError` on missing values, unless they are allowed as NaN, lists of unequal length, or values of another type.
+    A `DataError` on missing values, unless they are allowed as NaN, or values of another type.
     """
-
-    def refuse_nulls(column: pa.ChunkedArray | pa.Array, per_row: int = 1) -> None:
-        if column.null_count:
-            row = pc.index(pc.is_null(column), True).as_py() // per_row
-            raise DataError(f"{at(row)}: column {name!r} has no value; fill it in, or read with <option>.", "skip_bad")
-
     column = table[name]
     is_text = kind_of_type(column.type) == "text"
     if pa.types.is_dictionary(column.type) and not is_text:
         column = column.cast(column.type.value_type)
-    if not (pa.types.is_floating(column.type) and allows_missing):
-        refuse_nulls(column)
-    if _is_list(column.type):
-        widths = pc.list_value_length(column).to_numpy()
-        if np.any(widths != widths[0]):
-            row = int(np.argmax(widths != widths[0]))
-            raise DataError(f"{at(row)}: column {name!r} holds {widths[row]} numbers, not {widths[0]} as in row 1.")
-        flat = column.combine_chunks().flatten()
-        if not (pa.types.is_floating(flat.type) and allows_missing):
-            refuse_nulls(flat, per_row=max(int(widths[0]), 1))
-        if _is_numeric(flat.type):
-            return np.reshape(flat.to_numpy(zero_copy_only=False), (table.num_rows, -1))
-    elif _is_numeric(column.type):
+    if column.null_count and not (pa.types.is_floating(column.type) and allows_missing):
+        row = pc.index(pc.is_null(column), True).as_py()
+        raise DataError(f"{at(row)}: column {name!r} has no value; fill it in, or read with <option>.", "skip_bad")
+    if _is_numeric(column.type):
         return np.asarray(column.to_numpy())
-    elif pa.types.is_decimal(column.type):
+    if pa.types.is_decimal(column.type):
         return np.asarray(column.cast(pa.float64()).to_numpy())
-    elif is_text:
+    if is_text:
         texts, rows = encoded_texts(column, name, at)
         check_memory(4.0 * len(rows) * max(map(len, texts), default=0), at(0))
         return np.asarray(as_array(texts, f"the texts of column {name!r}", at(0))[rows])
@@ -235,15 +239,10 @@ def order_values(column: pa.ChunkedArray) -> Array | None:
     return values if values.dtype.kind in "iu" or (values.dtype.kind == "f" and np.isfinite(values).all()) else None
 
 
-def padded(column: pa.ChunkedArray, width: int) -> Array:
-    """A column as (N, width) numbers, with NaN where a number, or list of as many, is missing; texts are 0 or NaN."""
+def numbers_or_nothing(column: pa.ChunkedArray) -> Array:
+    """A column as (N,) numbers, with NaN where one is missing; texts are 0 or NaN."""
     values = numbers_or_missing(column)
-    if values is not None and values.shape[1] == width:
-        return values
-    if kind_of_type(column.type) == "list":
-        lists = (row if row is not None and len(row) == width else [None] * width for row in column.to_pylist())
-        return np.array([*lists], dtype=float).reshape(-1, width)
-    return np.where(column.is_null().to_numpy(), np.nan, 0.0)[:, None]
+    return np.where(column.is_null().to_numpy(), np.nan, 0.0) if values is None else values[:, 0]
 
 
 def _is_list(kind: pa.DataType) -> bool:
