@@ -68,7 +68,7 @@ class Columns:
         """First rows of the acts, but for those of the first acts of demonstrations."""
         found = list[int]()
         for begin, end in pairwise(self.offsets.tolist()):
-            own, acts = self.values[begin:end], closed[begin:end].copy()
+            own, acts = self.values[begin:end, ~self.is_action], closed[begin:end].copy()
             for a, b in spans(~acts):
                 if a > 0 and b < len(acts) and b - a < self.window:
                     acts[a:b] = True

@@ -29,7 +29,7 @@ class SegmentSettings:
     """Acts of others from which a density tells something."""
     again: float = 0.5
     """Share of what an act moves that the next one moves again, from which it is done again."""
-    least_spread: float = 0.1
+    least_spread: float = 1.0
     """Nats that a standard deviation of progress is at least."""
     correction: float = 1.0
     """Standard deviations that the score of an act loses that the next one does again."""
