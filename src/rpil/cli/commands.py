@@ -168,7 +168,7 @@ class AuditRun:
     @cached_property
     def segments(self) -> Segments:
         """Where in the demonstrations something is."""
-        return self.audit.segments(self.recording.demonstrations)
+        return self.audit.segments(self.recording.demonstrations, self.recording.tasks)
 
     @cached_property
     def lost(self) -> tuple[str, ...]:

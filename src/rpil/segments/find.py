@@ -112,6 +112,8 @@ def scores(acts: Acts, settings: SegmentSettings) -> Float[Array, " N"]:
     values = acts.progress[:, 0]
     if not np.isfinite(values).any():
         values = np.where(acts.taken, 0.0, np.nan)
+    if not np.isfinite(values).any():
+        return values
     middle = np.nanmedian(values)
     spread = max(1.4826 * float(np.nanmedian(np.abs(values - middle))), settings.least_spread)
     return np.asarray(

@@ -49,7 +49,7 @@ def idle_rows(demonstrations: Demonstrations | Dataset, rule: Literal["rest", "o
     measured = learned.columns.number[learned.columns.is_action] - demonstrations.n_observations
     for block in blocks:
         moving = MovingBlock.of(block, np.arange(len(block.offsets) - 1), learned.columns)
-        turns: Array = np.diff(np.delete(block.actions, measured, axis=1), axis=0, prepend=0).any(axis=1)
+        turns = np.asarray(np.diff(np.delete(block.actions, measured, axis=1), axis=0, prepend=0).any(axis=1))
         turns[block.offsets[:-1]] = False
         rests = resting_rows(moving, learned.tracked.is_command)
         found += zip(rests, np.split(turns, block.offsets[1:-1]), strict=True)
