@@ -164,18 +164,14 @@ class Audit(AuditResult):
 
         if demonstrations.ids != self.ids or not np.array_equal(demonstrations.offsets, self.offsets):
             raise DataError(f"{demonstrations.source}: these are not the demonstrations of the audit; give those.")
-        _, group = np.unique([tasks.get(str(name), "") for name in self.ids], return_inverse=True)
-        parts = []
-        for own in (np.flatnonzero(group == k) for k in range(group.max() + 1)):
-            rows = np.repeat(np.isin(np.arange(len(group)), own), self.lengths)
-            ratio, taken = (
-                None if x is None or not len(x) else x[rows] for x in (self.step_log_ratio, self.taken_over)
-            )
-            marks = [
-                (m, first, last, sign > 0) for m, first, last, sign in self.answers.select(own.tolist()).marks.tolist()
-            ]
-            found = find_segments(demonstrations.select(own), ratio, None if taken is None else taken > 0, marks)
-            parts.append(replace(found, demonstration=own[found.demonstration]))
+        group, parts = np.unique([tasks.get(str(name), "") for name in self.ids], return_inverse=True)[1], []
+        for own in (np.flatnonzero(group == k).tolist() for k in range(group.max() + 1)):
+            steps = np.concatenate([np.arange(self.offsets[m], self.offsets[m + 1]) for m in own])
+            marks = [(m, first, last, sign > 0) for m, first, last, sign in self.answers.select(own).marks.tolist()]
+            ratio = self.step_log_ratio[steps] if len(self.step_log_ratio) else None
+            taken = None if self.taken_over is None else self.taken_over[steps] > 0
+            found = find_segments(demonstrations.select(own), ratio, taken, marks)
+            parts.append(replace(found, demonstration=np.array(own)[found.demonstration]))
         return joined(parts)
 
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
