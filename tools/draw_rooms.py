@@ -29,6 +29,7 @@ ROOMS = {
     "policies": "pi(a|s), feature maps, their choice",
     "mixture": "the paper's model: adversaries, EM",
     "inference": "the judge: held-out scores, groups, verdicts",
+    "segments": "where in a demonstration: idle rows, ranges",
     "results": "the result, figures, HTML report",
     "scale": "passes in memory, from disk, on a cluster",
     "estimators": "RPIL, BehavioralCloning, RMEnt, reweight",

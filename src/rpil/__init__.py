@@ -23,6 +23,7 @@ _HOME = {
     "SoftmaxPolicy": "rpil.policies.softmax",
     "audit": "rpil.estimators.auditing",
     "check": "rpil.faults.checking",
+    "idle_rows": "rpil.segments.idle",
     "load": "rpil.estimators.persistence",
     "open": "rpil.formats",
     "read": "rpil.formats",
@@ -51,6 +52,7 @@ __all__ = [
     "__version__",
     "audit",
     "check",
+    "idle_rows",
     "load",
     "open",
     "read",
@@ -83,6 +85,7 @@ if TYPE_CHECKING:
     from rpil.results.record import Audit
     from rpil.scale.dask import DaskEngine
     from rpil.scale.settings import SampleSettings
+    from rpil.segments.idle import idle_rows
     from rpil.simulation.rollouts import rollout
     from rpil.simulation.simulate import simulate
 

@@ -111,13 +111,20 @@ def test_outputs_do_not_join_the_data(folder):
 
 
 def test_every_output_has_a_writer(tmp_path):
-    paths = {"weights": "w.parquet", "verdicts": "v.parquet", "keep": "k.json", "report": "r.html"}
+    paths = {
+        "ranges": "x.json",
+        "segments": "s.parquet",
+        "weights": "w.parquet",
+        "verdicts": "v.parquet",
+        "keep": "k.json",
+        "report": "r.html",
+    }
     assert (*paths, "annotate") == commands.OUTPUTS  # which is for folders of LeRobot alone
     stages: list[str] = []
-    data = Demonstrations(np.ones((2, 1)), np.array([0, 1]), np.array([0, 2]))
+    audit, paths = make_audit(), paths | {"annotate": None}
+    data = Demonstrations(np.ones((audit.offsets[-1], 1)), np.arange(audit.offsets[-1]) % 2, audit.offsets, audit.ids)
     recording = from_tables(from_demonstrations(data, "arrays"))
-    paths |= {"annotate": None}
-    audit, faults = make_audit(), check(recording.demonstrations)
+    faults = check(recording.demonstrations)
     given = commands.AuditRun(audit, "data.csv", recording, {}, faults)
     with click.Context(click.Command("audit")):
         commands.write_outputs(paths, given, stages.append)

@@ -17,6 +17,7 @@ from rpil.cli.options import (
     CHOICE_OPTIONS,
     JUDGE_OPTIONS,
     LABELS_FILE,
+    SEGMENT_OPTIONS,
     OutputFile,
     RunOptions,
     Value,
@@ -64,7 +65,7 @@ if TYPE_CHECKING:
 )
 @click.option("--all", "all_rows", is_flag=True, help="Print a row for each demonstration, with its whole reason.")
 @format_option
-@with_options(*CHOICE_OPTIONS, *JUDGE_OPTIONS)
+@with_options(*SEGMENT_OPTIONS, *CHOICE_OPTIONS, *JUDGE_OPTIONS)
 @click.pass_context
 def audit(
     ctx: click.Context,
@@ -80,10 +81,14 @@ def audit(
     No policy is kept: with --features auto none are chosen for one, and the verdicts are those of rpil fit.
     """
     outputs = {title: options.pop(title) for title in commands.OUTPUTS}
-    if outputs["keep"] is None and any(options[name] for name in CHOICE_NAMES):
+    lists = outputs["keep"] is not None or outputs["ranges"] is not None
+    if not lists and any(options[name] for name in CHOICE_NAMES):
         raise click.UsageError("--ignore and --without-faults say what --keep lists: give --keep OUT.json")
+    idle, pattern = options.pop("idle"), options.pop("ranges_id") or "{id}"
+    if outputs["ranges"] is None and (idle, pattern) != ("keep", "{id}"):
+        raise click.UsageError("--idle and --ranges-id say what --ranges writes: give --ranges OUT.json")
     with show_stages(bool(options["quiet"])) as progress:
-        given = RunOptions.of(options, guess=fail_on is None and outputs["keep"] is None)
+        given = RunOptions.of(options, guess=fail_on is None and not lists)
         files = (path for title, path in outputs.items() if title != "annotate")
         commands.check_paths((file, given.labels, given.reference, *given.columns.files), *files)
         if outputs["annotate"] is not None:
@@ -92,7 +97,8 @@ def audit(
             find(file).check_annotate(outputs["annotate"])
         run = commands.judge(file, given, progress)
         recording, faults = run.recording, commands.look_for_faults(run.recording, progress, rules=given.without_faults)
-        run = replace(run, faults=faults, asked=commands.choice_asked(given, faults) if outputs["keep"] else None)
+        run = replace(run, faults=faults, asked=commands.choice_asked(given, faults) if lists else None)
+        run = replace(run, idle=idle, pattern=pattern)
         commands.write_outputs(outputs, run, progress)
     result = run.audit
     if form == "json":

@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import click
 from click.core import ParameterSource
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from rpil.results.choice import Asked, Choice
     from rpil.results.html.page import About
     from rpil.results.record import Audit
+    from rpil.segments.table import Segments
 
 
 _OF_STREAMS = errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF  # of stdout and stderr, without a name
@@ -134,6 +135,9 @@ class AuditRun:
     faults: FaultReport | None = None
     asked: Asked | None = None
     """What the user says of which demonstrations to keep."""
+    idle: str = "keep"
+    pattern: str = "{id}"
+    """Which idle rows to keep, and the pattern of keys; see ``--ranges``."""
 
     @cached_property
     def choice(self) -> Choice:
@@ -141,6 +145,30 @@ class AuditRun:
         from rpil.results.choice import Asked, choose
 
         return choose(self.audit.table(), self.asked or Asked())
+
+    @cached_property
+    def ranges(self) -> dict[str, list[tuple[int, int]]]:
+        """The rows to keep, by the keys of the pattern."""
+        from rpil.formats import read_demonstrators, read_recording
+        from rpil.segments.idle import idle_rows
+        from rpil.segments.ranges import keys_of
+
+        data, options = self.recording.demonstrations, self.recording.options
+        rule: Literal["rest", "openpi"] = "openpi" if self.idle == "openpi" else "rest"
+        kept = self.audit.ranges(None if self.idle == "keep" else idle_rows(data, rule), self.choice.kept)
+
+        def column(name: str) -> dict[str, str]:
+            try:
+                return read_demonstrators(name, read_recording(self.source, replace(options, operator=name)))
+            except DataError as error:
+                raise DataError(error.in_shell.replace("--operator", "--ranges-id")) from error
+
+        return dict(zip(keys_of(self.pattern, kept, column), kept.values(), strict=True))
+
+    @cached_property
+    def segments(self) -> Segments:
+        """Where in the demonstrations something is."""
+        return self.audit.segments(self.recording.demonstrations, self.recording.tasks)
 
     @cached_property
     def lost(self) -> tuple[str, ...]:
@@ -190,7 +218,7 @@ def look_for_faults(
     return check(recording if reads else replace(recording, find_defects=None), video=looks, skip_bad=skip_bad)
 
 
-OUTPUTS = ("weights", "verdicts", "keep", "report", "annotate")
+OUTPUTS = ("ranges", "segments", "weights", "verdicts", "keep", "report", "annotate")
 """The options that name these files, in the order in which they are written."""
 
 
@@ -200,10 +228,11 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: Stag
     for title, path in ((title, paths[title]) for title in OUTPUTS):
         if path is None:
             continue
-        from rpil.formats import write_weights
+        from rpil.formats import write_columns, write_weights
         from rpil.formats.registry import find
-        from rpil.results.choice import write_kept, write_verdicts
+        from rpil.results.choice import file_ids, write_kept, write_verdicts
         from rpil.results.html.page import write_page
+        from rpil.segments.ranges import segment_columns, subtask_columns, write_ranges
 
         progress(f"writing {path}")
         if title == "weights":
@@ -219,17 +248,22 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: Stag
             write_kept(path, audit, run.choice)
             if not run.choice.kept:
                 warnings.warn(f"{path}: it lists no demonstration, because all are rejected.", stacklevel=1)
+        elif title == "ranges":
+            write_ranges(path, run.ranges)
+        elif title == "segments":
+            write_columns(path, segment_columns(run.segments, file_ids(audit.ids), audit.fps), "segments")
         elif title == "report":
             write_page(path, audit, about(run))
         else:
             table, names = audit.table(), {"verdict": "verdict", "score": "log_odds", "rejected_by": "rejected_by"}
             ids = [*map(str, audit.ids)]
             rows = {f"rpil/{name}": dict(zip(ids, table[own], strict=True)) for name, own in names.items()}
-            find(run.source).annotate(path, rows)
+            find(run.source).annotate(path, rows | subtask_columns(run.segments, ids))
 
 
 def about(run: AuditRun) -> About:
     """What the report shows beside the audit."""
+    from rpil.data.demonstrations import Demonstrations
     from rpil.data.privacy import for_others
     from rpil.faults.set_table import set_table
     from rpil.results.html.page import About, no_faults
@@ -245,6 +279,7 @@ def about(run: AuditRun) -> About:
         table=set_table(run.recording, run.faults, Path(source).name) if run.faults else None,
         tasks=run.recording.tasks,
         demonstrators=run.demonstrators,
+        segments=run.segments if isinstance(run.recording.demonstrations, Demonstrations) else None,  # in memory
         lerobot=lerobot,
         hub=hub[1] if hub and lerobot else "",
     )
@@ -260,6 +295,9 @@ def lines_after_output(title: str, path: str, run: AuditRun) -> list[str]:
         return [f"For LeRobot: LeRobotDataset({Path(path).name!r}, root={path!r}, {keeps})"]
     if title == "weights":
         return [*find(run.source).format.notes_on_weights]
+    if title == "ranges":
+        n_rows = sum(last - first for own in run.ranges.values() for first, last in own)
+        return [f"{n_rows:,} of {run.audit.offsets[-1]:,} rows kept, of {len(run.ranges):,} demonstrations."]
     every, ids = run.recording.ids or run.audit.ids, run.choice.kept if title == "keep" else ()
     lines = []
     if title == "keep":

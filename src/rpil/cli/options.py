@@ -191,6 +191,26 @@ CHOICE_OPTIONS = (
     click.option("--without-faults", **_SAY_NAMES, help="Reject by faults, as jump,frozen-sensor."),
 )
 CHOICE_NAMES = ("ignore", "without_faults")
+SEGMENT_OPTIONS = (
+    click.option(
+        "--ranges", type=OutputFile(".json"), help="Also write the rows to keep of each demonstration, as trainers do."
+    ),
+    click.option(
+        "--idle",
+        type=click.Choice(("keep", "drop", "openpi")),
+        default="keep",
+        show_default=True,
+        help="Of --ranges: drop the rows in which nothing moves, or those that openpi drops from DROID.",
+    ),
+    click.option(
+        "--ranges-id", metavar="PATTERN", help="Of --ranges: the key of each, as '{folder}--{file}' by columns."
+    ),
+    click.option(
+        "--segments",
+        type=OutputFile(".parquet", ".csv", ".json"),
+        help="Also write a table of segments: acts, idle rows, takeovers, with scores.",
+    ),
+)
 
 
 def with_options(*options: Option) -> Option:

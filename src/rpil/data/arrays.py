@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpil.data.errors import DataError
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Bool
 
 Id = int | str
 """Of a demonstration: whole numbers for all of them, or text for all of them."""
@@ -279,3 +279,9 @@ def check_finite(
         "repair the value, leave the demonstration out, or read with <option>.",
         "skip_bad",
     )
+
+
+def spans(rows: Bool[Array, " n"]) -> list[tuple[int, int]]:
+    """The first row of each run of True, and the one after its last."""
+    edges = np.flatnonzero(np.diff(rows, prepend=False, append=False)).tolist()
+    return [*zip(edges[::2], edges[1::2], strict=True)]

@@ -30,12 +30,26 @@ IdRow = tuple[str, object, *tuple[str, ...]]
 
 
 class AnswerRow(NamedTuple):
-    """An answer as a row of a file of labels, whose column of notes may be missing."""
+    """An answer as a row of a file of labels, whose columns after the label may be missing."""
 
     id: str
     label: object
     """A word, or what else a file has in its place."""
     note: str = ""
+    start: object = ""
+    end: object = ""
+    """Of rows of the demonstration, the first and the one after the last; nothing where it is about all of it."""
+
+    @property
+    def is_mark(self) -> bool:
+        """Whether it is about some rows of a demonstration."""
+        return not str(self.start) == str(self.end) == ""
+
+    @property
+    def question(self) -> tuple[object, ...] | frozenset[str]:
+        """What it is about; two answers about the same exclude each other."""
+        rows = self.id, str(self.start), str(self.end)
+        return rows if self.is_mark else same_question(self.id, self.label)
 
 
 _LABELS: dict[str, Label] = {"good": "good", "bad": "bad", "expert": "good", "adversary": "bad"}
@@ -45,6 +59,8 @@ CANNOT_TELL = "cannot tell"
 """In the place of a label: an answer from which nothing is learned."""
 
 _COMPARED = re.compile(r"\s*(better\s+than|same\s+as)\s(.*)", re.IGNORECASE | re.DOTALL)
+
+_WHOLE = re.compile(r"\d{1,15}(?:\.0+)?", re.ASCII)
 
 _EXTENSIONS = (".csv", ".json")
 
@@ -79,19 +95,40 @@ def read_answers(path: StrPath, ids: Iterable[object] = ()) -> tuple[dict[str, L
 
 def read_answer_rows(path: StrPath, ids: Iterable[object] = ()) -> list[AnswerRow]:
     """The answers of a file that `read_answers` reads; of CSV with their notes."""
-    rows = read_id_pairs(check_extension(path, _EXTENSIONS, "labels"), "label", "good", ids, ["note"])
-    lists = ((m, given if isinstance(given, list) and given else [given], note) for m, given, *note in rows)
-    return [AnswerRow(m, word, *note) for m, words, note in lists for word in words]
+    rows = read_id_pairs(check_extension(path, _EXTENSIONS, "labels"), "label", "good", ids, AnswerRow._fields[2:])
+    lists = ((m, given if isinstance(given, list) and given else [given], more) for m, given, *more in rows)
+    return [AnswerRow(m, word, *more) for m, words, more in lists for word in words]
 
 
-def parse_answers(
-    rows: Iterable[tuple[str, object]] | Iterable[AnswerRow], source: str, ids: Iterable[object]
-) -> tuple[dict[str, Label], Pairs]:
-    """Labels and pairs from ids and words; white space and errors as in `read_answers`."""
+def parse_marks(
+    rows: Iterable[AnswerRow], source: str, ids: Sequence[object], lengths: Int[Array, " M"]
+) -> Int[Array, "S 4"]:
+    """What answers say of rows of M demonstrations: the number of the demonstration, the first row and the one after
+    the last, and 1 for good or -1; nothing of those about others. A `DataError` where rows lie outside, or are both."""
+    number, marks = {str(name): m for m, name in enumerate(ids)}, list[tuple[int, int, int, int]]()
+    for row in (row for row in rows if row.is_mark and row.id in number):
+        m, place = number[row.id], f"{source}, demonstration {row.id!r}, rows {row.start!s:.40} to {row.end!s:.40}"
+        start, end = (int(float(str(one))) if _WHOLE.fullmatch(str(one)) else -1 for one in (row.start, row.end))
+        if not 0 <= start < end <= lengths[m]:
+            raise DataError(
+                f"{place}: start and end must be whole, and 0 <= start < end <= {lengths[m]}; correct them."
+            )
+        if (label := _LABELS.get(str(row.label).strip().lower())) is None:
+            raise DataError(f"{place}: unknown label {quoted([row.label])}; write 'good' or 'bad'.")
+        sign = 1 if label == "good" else -1
+        for other, first, last, said in marks:
+            if other == m and said != sign and start < last and first < end:
+                raise DataError(f"{place}: rows {first} to {last} have the other label; change one, or where they end.")
+        marks.append((m, start, end, sign))
+    return np.array(marks, dtype=np.int64).reshape(-1, 4)
+
+
+def parse_answers(rows: Iterable[AnswerRow], source: str, ids: Iterable[object]) -> tuple[dict[str, Label], Pairs]:
+    """Labels and pairs from answers, without those about rows; white space and errors as in `read_answers`."""
     labels: dict[str, Label] = {}
     pairs: Pairs = {}
     known, given = {*map(str, ids)}, [*rows]
-    for m, word, *_ in given:
+    for m, word, *_ in (row for row in given if not row.is_mark):
         label, (relation, second) = _LABELS.get(str(word).strip().lower()), _compared(word) or ("same as", "")
         if other := second if second in known else second.strip():
             _add_pair(pairs, (m, other), relation, source)
@@ -111,18 +148,25 @@ def parse_answers(
 
 def parse_labels(labels: object, ids: Iterable[object]) -> tuple[dict[str, Label], Pairs]:
     """Labels and pairs, as `parse_answers` gives them, from a mapping, or from pairs, of ids and words."""
+    rows = label_rows(labels)
+    return parse_answers(rows, "the labels", ids) if rows else ({}, {})
+
+
+def label_rows(labels: object) -> list[AnswerRow]:
+    """The answers of a mapping, or of pairs, of ids and words, or of an id, a start and an end, and a word."""
     given = labels.items() if isinstance(labels, Mapping) else labels or ()
     rows: list[object] = list(given) if isinstance(given, Iterable) else [given]
     if not all(isinstance(row, tuple | list) and len(row) == 2 for row in rows):
         raise DataError("the labels must be a mapping of ids to words, or pairs of an id and a word.")
-    pairs = cast(list[tuple[object, object]], rows)
-    return parse_answers(((str(m), word) for m, word in pairs), "the labels", ids) if rows else ({}, {})
+    pairs = cast(list[tuple[Any, object]], rows)
+    named = ((m if isinstance(m, tuple) and len(m) == 3 else (m, "", ""), word) for m, word in pairs)
+    return [AnswerRow(str(m), word, "", start, end) for (m, start, end), word in named]
 
 
 def with_new(old: Iterable[AnswerRow], new: Sequence[AnswerRow]) -> list[AnswerRow]:
-    """Old answers and new ones; a new label replaces the old one of the demonstration."""
-    replaced = {row.id for row in new if not _compared(row.label)}
-    return [*(row for row in old if _compared(row.label) or row.id not in replaced), *new]
+    """Old answers and new ones; a new label replaces the old one of the demonstration, or of the same rows of it."""
+    replaced = {row.question for row in new if not _compared(row.label)}
+    return [*(row for row in old if _compared(row.label) or row.question not in replaced), *new]
 
 
 def write_answers(
@@ -130,18 +174,19 @@ def write_answers(
 ) -> None:
     """Write a CSV file that `read_answers` reads with these `ids`: what it held `before`, and these answers.
 
-    A label replaces the old one of the demonstration. All other rows keep their cells, and the file its columns; note
-    is added to them once an answer has one. A `DataError` where it cannot be written; a file that was there is then as
-    it was.
+    A label replaces the old one of the demonstration, or of the same rows of it. All other rows keep their cells, and
+    the file its columns; note, start and end are added to them once an answer has one. A `DataError` where it cannot be
+    written; a file that was there is then as it was.
     """
     old = before or b"id,label\n"
     encoding, known = "utf-8-sig" if old.startswith(BOM_UTF8) else "utf-8", {*map(str, ids)}
     rows, names, id_column = _csv_rows(old.decode(encoding))
-    replaced = {row.id for row in answers if not _compared(row.label)}
-    kept = [row for row in rows if _compared(row["label"]) or _id_in(row[id_column], known) not in replaced]
+    replaced = {row.question for row in answers if not _compared(row.label)}
+    kept = [row for row in rows if _compared(row["label"]) or _said(row, id_column, known).question not in replaced]
     for answer in answers:
         kept.append({name: str(to_cell(value)) for name, value in {**answer._asdict(), id_column: answer.id}.items()})
-    names += ["note"] if any(row.note for row in answers) and "note" not in names else []
+    names += [name for k, name in enumerate(AnswerRow._fields) if k > 1 and any(row[k] != "" for row in answers)]
+    names = [*dict.fromkeys(names)]
     end, comma, lines = "\r\n" if b"\r\n" in old else "\n", rows.reader.dialect.delimiter, io.StringIO(newline="")
     for cells in (names, *([row.get(name) or "" for name in names] for row in kept)):
         plain = all(text.isprintable() and text == text.strip() for text in cells)  # else readers leave spaces out
@@ -149,6 +194,11 @@ def write_answers(
         csv.writer(lines, delimiter=comma, lineterminator=end, quoting=quoting).writerow(cells)
     with replacing(path) as temporary:
         temporary.write_bytes(lines.getvalue().encode(encoding))
+
+
+def _said(row: Mapping[str, str | None], id_column: str, ids: Collection[str]) -> AnswerRow:
+    place = ((row.get(name) or "").strip() for name in ("start", "end"))
+    return AnswerRow(_id_in(row[id_column], ids), row["label"], "", *place)
 
 
 def same_question(m: str, word: object) -> frozenset[str]:

@@ -47,7 +47,8 @@ def audit(
         As for `rpil.read`; large files stay on disk. Where no name says the id or the action of a file or a frame, they
         are guessed, and a warning names them.
     labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, sequence of such pairs, or path, optional
-        Answers about demonstrations; of a CSV file (id,label) or JSON where it is a path.
+        Answers about demonstrations, or about rows, (id, start, end), which are good or bad; of a CSV file (id,label,
+        and perhaps start,end) or JSON where it is a path.
     outcome : str or several, mapping of id to number, or sequence of M numbers, optional
         How each ended: a column, "length", a CSV file (id,value) or JSON, or numbers, of which more is better (a minus
         before a name: worse). Where all are 0 or 1, those with 0 are bad. Of several the worth is learned.

@@ -18,7 +18,15 @@ from rpil.data.demonstrator_groups import DemonstratorNames, Demonstrators, grou
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.fit_data import FitData
-from rpil.data.id_values import check_ids, label_codes, match_pairs, parse_labels, read_answers
+from rpil.data.id_values import (
+    check_ids,
+    label_codes,
+    label_rows,
+    match_pairs,
+    parse_answers,
+    parse_marks,
+    read_answer_rows,
+)
 from rpil.data.recorded_facts import Outcome, given_outcome, tells
 from rpil.data.spaces import Space, action_space, encode_actions
 from rpil.formats.columns import Names
@@ -47,17 +55,19 @@ def answers_of(
     """The answers of a user about demonstrations, from words and outcomes by id, or from files of them, but for those
     about others of the `ids`, which were not read. A `DataError` names an unknown id or word."""
     read, every = demonstrations.ids, ids or demonstrations.ids
-    if isinstance(labels, str | os.PathLike):
-        source, (by_id, pairs) = str(labels), read_answers(labels, every)
-    else:
-        source, (by_id, pairs) = demonstrations.source, parse_labels(labels, every)
-    check_ids([*by_id, *chain.from_iterable(pairs)], every, source, "the labels")
+    is_file = isinstance(labels, str | os.PathLike)
+    source, named = (str(labels), Path(str(labels)).name) if is_file else (demonstrations.source, "the labels")
+    rows = read_answer_rows(cast(StrPath, labels), every) if is_file else label_rows(labels)
+    by_id, pairs = parse_answers(rows, named, every) if rows or is_file else ({}, {})
+    check_ids([*(row.id for row in rows), *chain.from_iterable(pairs)], every, source, "the labels")
+    marks = parse_marks(rows, named, read, demonstrations.lengths)
     chosen = {*map(str, read)}
     better, tied = match_pairs(((pair, word) for pair, word in pairs.items() if chosen >= {*pair}), read)
     signs = label_codes({name: label for name, label in by_id.items() if name in chosen}, read)
     given = {} if outcome is None else by_name(outcome)
     outcomes = [given_outcome(one, read, demonstrations.source, every) for one in given.values()]
-    return Answers(signs, better, np.column_stack([np.empty((len(read), 0)), *outcomes]), tied, tuple(given))
+    known = np.column_stack([np.empty((len(read), 0)), *outcomes])
+    return Answers(signs, better, known, tied, tuple(given), marks=marks)
 
 
 def by_name(outcome: Outcome | Names) -> dict[str, Outcome | str]:

@@ -26,7 +26,7 @@ from rpil.formats.recording import Recording
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
 from rpil.results.record import Audit
-from rpil.results.step_weights import takeover_signs
+from rpil.results.step_weights import takeover_signs, without_bad_rows
 from rpil.results.summary import assumption_sentences
 from rpil.results.tasks import first_of, join_audits
 
@@ -146,7 +146,9 @@ def _with_facts(audit: Audit, recording: Recording, stated: Statements) -> Audit
         n = int((np.maximum.reduceat(audit.taken_over, audit.offsets[:-1]) > 0).sum())
         told = f"A person took over in {n:,} of {len(audit.ids):,}: these steps weigh more, those just before less."
         audit = replace(audit, notes=(*audit.notes, told))
-    return replace(audit, sessions=stated.sessions, order=stated.order)
+    audit = replace(audit, answers=replace(audit.answers, marks=stated.answers.marks))
+    weight = without_bad_rows(audit, audit.step_weight)
+    return replace(audit, sessions=stated.sessions, order=stated.order, step_weight=weight)
 
 
 def _fit_group(

@@ -11,6 +11,11 @@ from rpil.data.errors import DataError
 from rpil.numerics.types import Array, Bool, Float, Int
 
 
+def no_marks() -> Int[Array, "0 4"]:
+    """Nothing was said of rows."""
+    return np.empty((0, 4), dtype=np.int64)
+
+
 def no_pairs() -> Int[Array, "0 2"]:
     """Nothing was compared."""
     return np.empty((0, 2), dtype=np.int64)
@@ -35,6 +40,8 @@ class Answers:
     heard: tuple[int, ...] | None = None
     """Of each witness 1 where all else confirms it, -1 where all else turns it, 0 where it counts for nothing; None
     before this is learned (`rpil.inference.witnesses`)."""
+    marks: Int[Array, "S 4"] = field(default_factory=no_marks)
+    """Rows that were called good or bad: the demonstration, the first row and the one after the last, and 1 or -1."""
 
     @classmethod
     def none(cls, n_demonstrations: int) -> Answers:
@@ -49,7 +56,7 @@ class Answers:
     @property
     def unsaid(self) -> Answers:
         """The outcomes alone."""
-        return replace(self, labels=np.zeros_like(self.labels), pairs=no_pairs(), tied=no_pairs())
+        return replace(self, labels=np.zeros_like(self.labels), pairs=no_pairs(), tied=no_pairs(), marks=no_marks())
 
     @property
     def count(self) -> int:
@@ -72,7 +79,15 @@ class Answers:
         place[chosen] = np.arange(len(chosen))
         pairs, tied = _renumbered(self.pairs, place), _renumbered(self.tied, place)
         some = replace(self, labels=self.labels[chosen], outcomes=self.outcomes[chosen], flag=self.only_flag)
-        return replace(some, pairs=pairs, tied=tied)
+        marks = np.column_stack([place[self.marks[:, 0]], self.marks[:, 1:]])
+        return replace(some, pairs=pairs, tied=tied, marks=marks[marks[:, 0] >= 0])
+
+    def bad_rows(self, offsets: Int[Array, " _"]) -> Bool[Array, " N"]:
+        """The rows that were called bad, of demonstrations with these `offsets`."""
+        bad = np.zeros(int(offsets[-1]), dtype=bool)
+        for m, start, end, sign in self.marks.tolist():
+            bad[offsets[m] + start : offsets[m] + end] |= sign < 0
+        return bad
 
     @property
     def sides(self) -> set[int]:

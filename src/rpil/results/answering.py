@@ -12,7 +12,7 @@ from scipy.special import expit
 
 from rpil.data.demonstrator_groups import Demonstrators
 from rpil.data.errors import DataError
-from rpil.data.id_values import Relation, label_codes, match_pairs, parse_labels
+from rpil.data.id_values import Relation, check_ids, label_codes, label_rows, match_pairs, parse_labels, parse_marks
 from rpil.data.text import printable
 from rpil.inference.answered import Answered, answer, places_to_ask
 from rpil.inference.answers import Answers, check_copied_labels
@@ -64,7 +64,10 @@ def with_answers(audit: A, known: Answers) -> A:
     if twice := {*known.names} & {f"-{name}" for name in known.names}:
         raise DataError(f"The outcome {min(twice)[1:]!r} is given with and without a minus; leave one of them out.")
     if not known.once(audit.copy_of).count:
-        return audit
+        if not len(known.marks) and not len(audit.answers.marks):
+            return audit
+        audit = replace(audit, answers=replace(audit.answers, marks=known.marks))
+        return replace(audit, step_weight=weights_of(audit))
     from rpil.mixture.demonstrator_prior import trust_by_demonstrator
 
     found = answer(audit.columns, known, audit.settings.judge.answers, audit.copy_of)
@@ -132,13 +135,16 @@ def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, 
     """The answers of an audit and these; a new label replaces an old one."""
     known = audit.answers
     texts, more = parse_labels(labels, audit.ids)
+    rows = [row for row in label_rows(labels) if row.is_mark]
+    check_ids([row.id for row in rows], audit.ids, "the labels", "the labels")
+    marks = np.concatenate([known.marks, parse_marks(rows, "the labels", audit.ids, audit.lengths)])
     new = label_codes(texts, audit.ids)
     signs = np.where(new == 0, known.labels, new)
     old: list[tuple[Relation, Array]] = [("better than", known.pairs), ("same as", known.tied)]
     before = [((audit.ids[a], audit.ids[b]), relation) for relation, of_it in old for a, b in of_it.tolist()]
     given = pairs if isinstance(pairs, Mapping) else dict.fromkeys(pairs, "better than")
     compared, tied = match_pairs([*before, *more.items(), *given.items()], audit.ids)
-    return replace(known, labels=signs, pairs=compared, tied=tied, heard=None)
+    return replace(known, labels=signs, pairs=compared, tied=tied, heard=None, marks=marks)
 
 
 def shown_proba(

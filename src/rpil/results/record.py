@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Hashable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rpil.data.arrays import spans
+from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.results.answering import looking_order
@@ -13,8 +20,11 @@ from rpil.results.overview import overview_html, overview_text
 from rpil.results.result import AuditResult
 
 if TYPE_CHECKING:
+    from rpil.data.demonstrations import Demonstrations
+    from rpil.formats.dataset import Dataset
     from rpil.results.choice import Choice
     from rpil.results.plots import AuditPlots
+    from rpil.segments.table import Segments
 
 TITLE, IN_MEMORY = "Audit of demonstrations", "in memory"
 """The title of a page, and the name of data that have no other."""
@@ -130,6 +140,39 @@ class Audit(AuditResult):
         from rpil.results.choice import choose
 
         return choose(self.table())
+
+    def ranges(
+        self, dropped: ArrayLike | None = None, kept: Iterable[Hashable] | None = None
+    ) -> dict[Hashable, list[tuple[int, int]]]:
+        """Half-open ranges of rows to keep, of the demonstrations `kept`, by default those of `choice`: all rows but
+        those that an answer calls bad, and the `dropped` ones, such as ``rpil.idle_rows(demonstrations)``."""
+        rows = ~self.answers.bad_rows(self.offsets)
+        if dropped is not None:
+            if np.shape(dropped) != rows.shape or np.asarray(dropped).dtype != bool:
+                raise DataError(f"dropped must hold True or False for each of the {len(rows):,} steps of this audit.")
+            rows &= ~np.asarray(dropped)
+        names = self.choice.kept if kept is None else kept
+        return {name: spans(rows[self.steps(self.index(name))]) for name in names}
+
+    def segments(
+        self, demonstrations: Demonstrations | Dataset, tasks: Mapping[str, str] = MappingProxyType({})
+    ) -> Segments:
+        """Where in its `demonstrations` something is: acts, idle rows, takeovers, with scores and reasons; each among
+        those of the same task, by ids as text."""
+        from rpil.segments.find import find_segments
+        from rpil.segments.table import joined
+
+        if demonstrations.ids != self.ids or not np.array_equal(demonstrations.offsets, self.offsets):
+            raise DataError(f"{demonstrations.source}: these are not the demonstrations of the audit; give those.")
+        group, parts = np.unique([tasks.get(str(name), "") for name in self.ids], return_inverse=True)[1], []
+        for own in (np.flatnonzero(group == k).tolist() for k in range(group.max() + 1)):
+            steps = np.concatenate([np.arange(self.offsets[m], self.offsets[m + 1]) for m in own])
+            marks = [(m, first, last, sign > 0) for m, first, last, sign in self.answers.select(own).marks.tolist()]
+            ratio = self.step_log_ratio[steps] if len(self.step_log_ratio) else None
+            taken = None if self.taken_over is None else self.taken_over[steps] > 0
+            found = find_segments(demonstrations.select(own), ratio, taken, marks)
+            parts.append(replace(found, demonstration=np.array(own)[found.demonstration]))
+        return joined(parts)
 
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
         """A data frame with a row for each demonstration, in the order of looking: the first to look at first.

@@ -128,6 +128,7 @@ class AuditResult(Judged):
         Parameters
         ----------
         labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}
+            Of (id, start, end) it is about rows, the first and the one after the last, which are good or bad.
         pairs : sequence of (id, id), or mapping of them to {"better than", "same as"}
             The better and the worse of two demonstrations, or what the first is to the second.
         instead : bool

@@ -4,9 +4,9 @@ For any training they are 1 until two answers contrast, one good or better and o
 demonstration, times what makes their mean over all steps 1. With a named adversary they are P(expert). Those of the
 learner, 1 or 0, say who is of the part that it trusts (`rpil.inference.two_parts`), also where labels and pairs call
 one part good and the other bad; where answers predict others in another way, they are P(good). A label, or a flag of 0,
-decides about its own demonstration. In all, where a person took over from a policy, weights move within a
-demonstration of weight W_m, with z_n = 1 in the steps of the person, -1 just before, else 0, and b_m such that their
-mean stays W_m:
+decides about its own demonstration. Rows that an answer calls bad weigh 0, and the others more, so that the mean stays.
+In all, where a person took over from a policy, weights move within a demonstration of weight W_m, with z_n = 1 in the
+steps of the person, -1 just before, else 0, and b_m such that their mean stays W_m:
 
     w_n = 2 W_m sigmoid(2 z_n + b_m)
 """
@@ -31,10 +31,18 @@ def weights_of(audit: Judged) -> Float[Array, " N"]:
     if not len(audit.step_log_ratio):
         return audit.step_log_ratio
     weight = np.repeat(of_demonstrations(audit), audit.lengths)
-    if audit.taken_over is None:
+    if audit.taken_over is not None:
+        told = np.repeat(np.maximum.reduceat(np.abs(audit.taken_over), audit.offsets[:-1]) > 0, audit.lengths)
+        weight = np.where(told, 2 * weight * balanced(TAKEOVER * audit.taken_over, audit.lengths), weight)
+    return without_bad_rows(audit, weight)
+
+
+def without_bad_rows(audit: Judged, weight: Float[Array, " N"]) -> Float[Array, " N"]:
+    """The weights, 0 in rows that were called bad, and the others such that the mean stays."""
+    if not len(audit.answers.marks) or not len(weight):
         return weight
-    told = np.repeat(np.maximum.reduceat(np.abs(audit.taken_over), audit.offsets[:-1]) > 0, audit.lengths)
-    return np.where(told, 2 * weight * balanced(TAKEOVER * audit.taken_over, audit.lengths), weight)
+    kept = np.where(audit.answers.bad_rows(audit.offsets), 0.0, weight)
+    return kept * (weight.mean() / kept.mean()) if kept.any() else kept
 
 
 def balanced(log_odds: Float[Array, " N"], lengths: Int[Array, " M"]) -> Float[Array, " N"]:

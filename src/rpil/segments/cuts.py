@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from rpil.data.arrays import spans
 from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.segments.settings import SegmentSettings
@@ -33,8 +34,8 @@ class Columns:
     @classmethod
     def of(cls, demonstrations: Demonstrations, settings: SegmentSettings) -> Columns:
         """Measure `demonstrations`."""
-        actions = demonstrations.actions[:, : 0 if demonstrations.is_discrete else None]
-        values = np.concatenate([demonstrations.observations, actions], axis=1).astype(float)
+        actions = [] if demonstrations.is_discrete else [demonstrations.actions]
+        values = np.concatenate([demonstrations.observations, *actions], axis=1).astype(float)
         low, high = np.quantile(values, [0.01, 0.99], axis=0)
         values = (values - low) / np.where(high > low, high - low, np.inf)
         window = max(3, round(settings.window_share * float(np.median(demonstrations.lengths))))
@@ -77,9 +78,3 @@ class Columns:
                 away = np.linalg.norm(way - way[0], axis=1) + np.linalg.norm(way - way[-1], axis=1)
                 found.append(begin + a + int(np.argmax(away)))
         return np.array(found, dtype=int)
-
-
-def spans(mask: Bool[Array, " T"]) -> list[tuple[int, int]]:
-    """First rows, and rows after the last, of the runs in which `mask` holds."""
-    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
-    return [(a, b) for a, b in edges.reshape(-1, 2).tolist()]

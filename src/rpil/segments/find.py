@@ -12,10 +12,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from rpil.data.arrays import spans
 from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.types import Array, Bool, Float, Int
-from rpil.segments.cuts import Columns, spans
+from rpil.segments.cuts import Columns
 from rpil.segments.destinations import progress
+from rpil.segments.idle import idle_rows
 from rpil.segments.settings import SegmentSettings
 from rpil.segments.table import KINDS, Segments
 from rpil.segments.taught import Label, taught
@@ -78,7 +80,7 @@ def find_segments(
         known = np.zeros((demonstrations.n_steps, 0)) if step_scores is None else np.asarray(step_scores)[:, None]
         facts = np.column_stack([acts.progress, acts.again | acts.taken, means_of(known, acts, demonstrations.offsets)])
         found = taught(found, facts, labels)
-    return without_idle(found, columns)
+    return without_idle(found, demonstrations)
 
 
 def find_acts(columns: Columns, taken: Bool[Array, " N"], settings: SegmentSettings) -> Acts:
@@ -110,6 +112,8 @@ def scores(acts: Acts, settings: SegmentSettings) -> Float[Array, " N"]:
     values = acts.progress[:, 0]
     if not np.isfinite(values).any():
         values = np.where(acts.taken, 0.0, np.nan)
+    if not np.isfinite(values).any():
+        return values
     middle = np.nanmedian(values)
     spread = max(1.4826 * float(np.nanmedian(np.abs(values - middle))), settings.least_spread)
     return np.asarray(
@@ -134,12 +138,12 @@ def reasons_of(acts: Acts, score: Float[Array, " N"], n: int, settings: SegmentS
     return found
 
 
-def without_idle(found: Segments, columns: Columns) -> Segments:
+def without_idle(found: Segments, demonstrations: Demonstrations) -> Segments:
     """The same, where idle rows are segments of their own."""
-    idle, parts = ~columns.moves.any(axis=1), []
-    for k, begin in enumerate(columns.offsets[found.demonstration].tolist()):
+    idle, parts = idle_rows(demonstrations), []
+    for k, begin in enumerate(demonstrations.offsets[found.demonstration].tolist()):
         own = idle[begin + found.start[k] : begin + found.end[k]]
-        rests = [(a, b) for a, b in spans(own) if b - a >= 2 * columns.window]
+        rests = spans(own)
         edges = sorted({0, len(own), *(row for rest in rests for row in rest)})
         parts += [(k, a + found.start[k], b + found.start[k], (a, b) in rests) for a, b in pairwise(edges)]
     of, start, end, is_idle = (np.array(part) for part in zip(*parts, strict=True))

@@ -28,7 +28,8 @@ def taught(segments: Segments, facts: Float[Array, "N F"], labels: Sequence[Labe
     known = Answers.of_labels(marked(segments, labels))
     if not known.contrast:
         return segments
-    score = np.nan_to_num(segments.score - np.nanmedian(segments.score))
+    middle = np.nanmedian(segments.score) if np.isfinite(segments.score).any() else 0.0
+    score = np.nan_to_num(segments.score - middle)
     length = np.log(segments.end - segments.start)
     others = normal_scores(np.nan_to_num(np.column_stack([facts, length])))
     columns = np.column_stack([normal_scores(score[:, None]), others, np.clip(score, -2, 2)])

@@ -67,7 +67,7 @@ CORRUPTIONS: dict[str, Callable[[Array, Array, Space, np.random.Generator], tupl
 
 RANDOM = "random"  # which no function here can make: a uniform policy drives, so the states change as well
 
-KINDS: tuple[str, ...] = ("corrupted", RANDOM, *(name for name in CORRUPTIONS if name != "corrupted"))
+BAD_KINDS: tuple[str, ...] = ("corrupted", RANDOM, *(name for name in CORRUPTIONS if name != "corrupted"))
 
 
 def _redraw(actions: Array, steps: NDArray[np.int64], space: Space, rng: np.random.Generator) -> Array:
@@ -100,7 +100,7 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
     env_id : str
         An environment with an expert in `rpil.simulation.experts`.
     kind : str
-        One of `rpil.simulation.simulate.KINDS`.
+        One of `rpil.simulation.simulate.BAD_KINDS`.
     n_good, n_bad : int
         Numbers of good and of bad demonstrations, 0 or more.
     seed : int
@@ -115,8 +115,8 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
     DataError
         If the environment has no expert, the kind is unknown or there is nothing to simulate.
     """
-    if kind not in KINDS:
-        raise DataError(f"There is no kind of bad demonstration {kind!r}: choose one of {', '.join(KINDS)}.")
+    if kind not in BAD_KINDS:
+        raise DataError(f"There is no kind of bad demonstration {kind!r}: choose one of {', '.join(BAD_KINDS)}.")
     if n_good < 0 or n_bad < 0 or n_good + n_bad == 0:
         raise DataError(f"n_good = {n_good} and n_bad = {n_bad} make no demonstrations: ask for at least one in all.")
     driver = expert(env_id)

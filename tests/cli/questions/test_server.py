@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -90,6 +91,35 @@ def test_what_is_no_answer_is_refused(client):
         assert answer["error"].endswith(".")
         assert client.post("/api/answer", **given)[0] == 409, "without a version"
     assert client.get("/api/version") == {"version": 0}
+
+
+def test_an_answer_about_rows_is_a_row_and_can_be_taken_back(client, review):
+    n = int(review.session.audit.lengths[3])
+    status, state = client.post("/api/answer", version=0, demonstrations=[3], key="b", rows=[2, 7], note="it slips")
+    assert status == 200
+    assert (state["n_answers"], state["can_undo"], state["lines"][0]) == (1, True, "Now: 20 open, 4 outliers.")
+    assert client.view()["rows"] == [[3, 2, 7, "bad"]]
+    name = review.session.audit.ids[3]
+    assert Path("labels.csv").read_text() == f"id,label,note,start,end\n{name},bad,it slips,2,7\n"
+    assert client.post("/api/answer", version=1, demonstrations=[3], key="g", rows=[2, 7])[0] == 200
+    assert client.view()["rows"] == [[3, 2, 7, "good"]]
+    beyond = [[6, 9], [True, 3], [2, n + 1], [-1, 4], [4, 4], [1.5, 3], ["2", "x"], [None, 3], [[1], 2], [2, 10**30]]
+    for rows in beyond:
+        status, answer = client.post("/api/answer", version=2, demonstrations=[3], key="b", rows=rows)
+        assert status == 400, rows
+        assert answer["error"].startswith(("the labels, demonstration", "These are no rows")), rows
+    for more in (
+        {"rows": [1]},
+        {"rows": "ab"},
+        {"rows": [1, 2], "key": "u"},
+        {"rows": [1, 2], "demonstrations": [3, 4]},
+    ):
+        given = {"version": 2, "demonstrations": [3], "key": "b"} | more
+        assert "no rows of a demonstration" in client.post("/api/answer", **given)[1]["error"], more
+    assert client.post("/api/undo", version=2)[0] == 200
+    assert client.view()["rows"] == [[3, 2, 7, "bad"]]
+    assert client.post("/api/undo", version=3)[0] == 200
+    assert not Path("labels.csv").exists()
 
 
 def test_a_client_that_breaks_off_is_not_worth_a_line(client, capfd):

@@ -34,7 +34,11 @@ def test_an_audit_adds_verdicts_and_scores(source, tmp_path):
     others = [str(name) for name in all_files(source) if str(name) != EPISODES]
     assert filecmp.cmpfiles(source, tmp_path / "new", others, shallow=False)[0] == others
     old, new = (pq.read_table(folder / EPISODES) for folder in (source, tmp_path / "new"))
-    assert new.column_names == [*old.column_names, "rpil/verdict", "rpil/score", "rpil/rejected_by"]
+    parts = [f"rpil_subtask_{name}" for name in ("names", "start_frames", "end_frames")]
+    assert new.column_names == [*old.column_names, "rpil/verdict", "rpil/score", "rpil/rejected_by", *parts]
+    for n, kinds, starts, ends in zip([12, 9, 15, 11, 13], *(new[name].to_pylist() for name in parts), strict=True):
+        assert len(kinds) == len(starts) == len(ends) > 0
+        assert [*starts, n] == [0, *(end + 1 for end in ends)]  # both included, and they tile the episode
     assert new.select(old.column_names).equals(old)
     rows = new.select(["episode_index", "rpil/verdict", "rpil/score", "rpil/rejected_by"]).to_pylist()
     assert [row["episode_index"] for row in rows] == [*range(5)]

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from rpil.results.html.page import About, write_page
 from rpil.results.judged import TracedPart, Traces
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit, Demonstrator
+from rpil.segments.table import Segments
 
 pytestmark = [pytest.mark.slow, needs_chromium]
 
@@ -189,6 +191,45 @@ def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp
     assert labels == dict.fromkeys(HOSTILE, "bad")
     kept = json.loads(downloaded(tmp_path, browser, "keep", "keep.json"))
     assert kept["episodes"] == []
+
+
+def test_segments_are_a_band_and_rows_are_marked_with_two_keys(browser: Browser, tmp_path: Path) -> None:
+    from rpil.data.id_values import parse_marks, read_answer_rows
+
+    kinds, why = np.array([0, 1, 3, 0], dtype=np.int8), ["", "", HOSTILE[0], ""]
+    starts, ends, of = np.array([0, 30, 50, 0]), np.array([30, 50, 90, 90]), np.array([0, 0, 0, 1])
+    found = Segments(of, starts, ends, kinds, np.full(4, np.nan), why)
+    audit = make_audit(("outlier",) * len(HOSTILE), lengths=[90] * len(HOSTILE), ids=HOSTILE)
+    audit = replace(audit, answers=replace(audit.answers, marks=np.array([[1, 60, 70, -1]])))
+    browser.open(write(tmp_path / "r.html", audit, segments=found))
+    titles = "[...document.querySelectorAll('.band button')].map(one => one.title)"
+    name = json.dumps(HOSTILE[0])
+    browser.evaluate(
+        f"[...document.querySelectorAll('tr[data-row]')].find(r => r.cells[1].textContent === {name}).click()"
+    )
+    assert browser.evaluate(titles) == [
+        "act, steps 0 to 29",
+        "idle, steps 30 to 49",
+        f"back, steps 50 to 89: {HOSTILE[0]}",
+    ]
+    browser.click(".band .idle")
+    browser.press("[")
+    assert browser.text(".bands [role=status]") == "From step 30 on; ] ends it."
+    browser.click(".band .back")
+    browser.press("]", "b")
+    browser.press("[", "]", "g")  # the last step alone; newer marks replace what they overlap
+    assert browser.evaluate(titles)[3:] == ["good, steps 50 to 50"]
+    browser.press("z")
+    assert browser.evaluate(titles)[3:] == ["bad, steps 30 to 50"]
+    browser.press("b")
+    assert browser.evaluate("document.title") == "An audit"
+    browser.reload()
+    browser.wait(marked("Your marks: 1 bad."))
+    downloaded(tmp_path, browser, "labels", "labels.csv")
+    rows = read_answer_rows(tmp_path / "labels.csv")
+    marks = parse_marks(rows, "labels.csv", HOSTILE, np.full(len(HOSTILE), 90))
+    assert sorted(marks.tolist()) == [[0, 30, 51, -1], [1, 60, 70, -1]]
+    assert [(row.id, row.label) for row in rows if not row.is_mark] == [(HOSTILE[0], "bad")]
 
 
 def test_steps_are_drawn_in_seconds_with_links_to_the_hub(browser: Browser, tmp_path: Path) -> None:

@@ -54,7 +54,7 @@ const live = (() => {
     });
     return last;
   };
-  const answer = (demonstrations, key) => post("/api/answer", { demonstrations, key, ...notes.take() });
+  const answer = (demonstrations, key, rows = []) => post("/api/answer", { demonstrations, key, rows, ...notes.take() });
   const press = (key, m) => {
     const isPair = asked.length === 2, ofPair = "12345".includes(key) || ("us".includes(key) && asked.includes(m));
     if (isPair && ofPair) answer(asked, key);
@@ -165,6 +165,6 @@ const live = (() => {
   begin();
   return {
     first: () => asked[0] ?? null, isAsked: (m) => asked.includes(m), changed: () => changed, store, load, open, look, keys, passing, undo,
-    said: notes.said, seek: (step) => front()?.seek(step), redraw: () => { for (const one of [stage, looked]) one?.redraw(); }, mark: (word, m) => press(KEYS[word], m),
+    said: notes.said, seek: (step) => front()?.seek(step), redraw: () => { for (const one of [stage, looked]) one?.redraw(); }, mark: (word, m, rows) => (rows.length ? answer([m], KEYS[word], rows) : press(KEYS[word], m)),
   };
 })();

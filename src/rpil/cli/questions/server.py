@@ -119,7 +119,11 @@ class Review:
             raise DataError(f"A note is no text of {MAX_NOTE} characters at most; shorten it.")
         if note.strip():
             check_text(note.strip(), "the note", "the answer")
-        self.session.answer(question, given["key"], note.strip())
+        rows = given.get("rows", [])
+        are_rows = isinstance(rows, list) and len(rows) == 2 and all(type(row) is int for row in rows)
+        if rows != [] and not (are_rows and len(question) == 1 and given["key"] in "gb"):
+            raise DataError("These are no rows of a demonstration that are good or bad; reload the page.")
+        self.session.answer(question, given["key"], note.strip(), *rows)
         return {}
 
     def undo(self, given: Mapping[str, Parsed]) -> View:

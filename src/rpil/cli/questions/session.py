@@ -32,8 +32,8 @@ Question = tuple[Hashable, ...]
 """Two demonstrations to compare, one to judge, or nothing that is left to ask."""
 
 
-Reply = tuple[Question, str, str]
-"""A question, the key that was given as its answer, one of its `choices`, and a note."""
+Reply = tuple[Question, str, str, *tuple[int, ...]]
+"""A question, the key that was given as its answer, one of its `choices`, a note, and rows that it is about alone."""
 
 
 def choices(question: Question) -> dict[str, str]:
@@ -48,7 +48,7 @@ def choices(question: Question) -> dict[str, str]:
 
 def count_asked(given: Sequence[Reply]) -> int:
     """The number of questions that were answered, also by "cannot tell"."""
-    return sum(key != "s" for _, key, _ in given)
+    return sum(key != "s" and not rows for _, key, _, *rows in given)
 
 
 def next_question(start: Audit, audit: Audit, given: Sequence[Reply], most: int | None) -> Question:
@@ -60,21 +60,21 @@ def next_question(start: Audit, audit: Audit, given: Sequence[Reply], most: int 
     is_done = n_asked >= MIN_QUESTIONS and {*audit.verdicts} <= {"good", "bad"}
     if is_done or (most is not None and n_asked >= most):
         return ()
-    if start.question is not None and not any(len(question) == 2 and key not in "gb" for question, key, _ in given):
+    if start.question is not None and not any(len(question) == 2 and key not in "gb" for question, key, *_ in given):
         return start.pair
-    passed = {question[0] for question, key, _ in given if len(question) == 1 and key in "us"}
+    passed = {question[0] for question, key, *_ in given if len(question) == 1 and key in "us"}
     suggested = audit.suggest_labels(len(passed) + 1)
     return tuple(name for name in suggested if name not in passed)[:1]
 
 
-def rows_of(question: Question, key: str, note: str = "") -> list[AnswerRow]:
+def rows_of(question: Question, key: str, note: str = "", *rows: int) -> list[AnswerRow]:
     """The answer that a key gives to a question; "cannot tell" is one where a note says more."""
     ids = [str(name) for name in question]
     if relation := {"1": "better than", "2": "better than", "5": "same as"}.get(key):
         first, second = ids[::-1] if key == "2" else ids
         return [AnswerRow(first, f"{relation} {second}", note)]
     word = {"g": "good", "3": "good", "b": "bad", "4": "bad", "u": CANNOT_TELL * bool(note)}.get(key)
-    return [AnswerRow(name, word, note) for name in ids] if word else []
+    return [AnswerRow(name, word, note, *rows) for name in ids] if word else []
 
 
 class Session:
@@ -103,15 +103,15 @@ class Session:
         path, written = Path(self.path), self._written
         return path.read_bytes() == written if path.is_file() else written is None and not os.path.lexists(path)
 
-    def answer(self, question: Question, key: str, note: str = "") -> list[str]:
+    def answer(self, question: Question, key: str, note: str = "", *rows: int) -> list[str]:
         """Answer a question, this one or another, with one of its `choices`, or say the same, good or bad, of any
-        number of demonstrations. Sentences on what it changed.
+        number of demonstrations, or of the `rows` from the first to before the second. Sentences on what it changed.
 
         A `DataError` where the answer contradicts another so that both cannot be written, or the file cannot be
         written; nothing has changed then.
         """
-        lines = self._go_to((*self.given, (question, key, note)))
-        self.answered = () if key in "us" else question
+        lines = self._go_to((*self.given, (question, key, note, *rows)))
+        self.answered = () if key in "us" or rows else question
         return lines
 
     def undo(self) -> list[str]:
@@ -120,16 +120,17 @@ class Session:
         return self._go_to(self.given[:-1]) if self.given else []
 
     def _go_to(self, given: tuple[Reply, ...]) -> list[str]:
-        by_question: dict[frozenset[str], AnswerRow] = {}
+        by_question: dict[Hashable, AnswerRow] = {}
         for row in (row for reply in given for row in rows_of(*reply)):
-            question = same_question(row.id, row.label)
-            by_question.pop(question, None)  # a later answer replaces an earlier one
-            by_question[question] = row
+            by_question.pop(row.question, None)  # a later answer replaces an earlier one
+            by_question[row.question] = row
         audit, lines, rows = self.audit, list[str](), tuple(by_question.values())
         if rows != self.rows:
             said = with_new(self._before, rows)
-            answers = parse_answers(said, "the answers", self.start.ids) if rows else ({}, {})
-            audit = self.start.answered(*answers, instead=True) if any(answers) else self.start
+            labels, pairs = parse_answers(said, "the answers", self.start.ids) if rows else ({}, {})
+            marks = {(row.id, row.start, row.end): str(row.label) for row in said if row.is_mark} if rows else {}
+            is_told = labels or pairs or marks
+            audit = self.start.answered(labels | marks, pairs, instead=True) if is_told else self.start
             lines = list(change_lines(self.audit, audit))
             self._write(rows)
             self.said = said

@@ -6,7 +6,7 @@ import base64
 import hashlib
 import json
 import os
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -28,6 +28,7 @@ from rpil.results.overview import headline
 from rpil.results.reasons import TWO_GROUPS
 from rpil.results.result import MAX_LOG_ODDS, AuditResult
 from rpil.results.vocabulary import SIDES, numbered
+from rpil.segments.table import KINDS, Segments
 
 MAX_FOUND, MAX_FIRST = 20_000, 8
 """Recording faults of a view, the worst, and the demonstrations with one that are shown first."""
@@ -63,6 +64,7 @@ class About:
     tasks: Mapping[str, str] = field(default_factory=dict)
     """By ids as text, as `demonstrators`."""
     demonstrators: Mapping[str, str] = field(default_factory=dict)
+    segments: Segments | None = None
     lerobot: bool = False
     hub: str = ""
 
@@ -88,6 +90,9 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         None), group ("A", "B" or ""), session, order, facts (dict of columns), kept.
     whole_ids, n_review
         Whether the ids are whole numbers; how many to look at first.
+    segments, rows
+        By number as text, the segments of `About`: [first, the one after the last, kind, reason] of each; and the rows
+        that were called good or bad: [demonstration, first, the one after the last, "good" or "bad"].
     faults
         Recording faults: kinds (of each rule, words and n), found (columns rule, demonstration or None, sentence;
         the worst first), first (the worst of some demonstrations, numbers of found).
@@ -112,12 +117,26 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         "whole_ids": all(isinstance(name, int) for name in audit.ids),
         "n_review": n_review,
         "faults": _faults(places, about.faults),
+        "segments": _segments(about.segments),
+        "rows": [
+            [m, first, last, "good" if sign > 0 else "bad"] for m, first, last, sign in audit.answers.marks.tolist()
+        ],
         "fps": audit.fps,
         "lerobot": about.lerobot,
         "hub": about.hub,
         "provenance": {} if audit.provenance is None else audit.provenance.to_dict(),
         "drawings": drawings(audit, order[:drawn]),
     }
+
+
+def _segments(found: Segments | None) -> dict[str, list[list[object]]]:
+    """The segments of each demonstration by its number as text: the first row, the one after the last, kind, reason."""
+    of_each = defaultdict[str, list[list[object]]](list)
+    if found is not None:
+        columns = (found.demonstration, found.start, found.end, found.kind)
+        for m, start, end, kind, why in zip(*(one.tolist() for one in columns), found.reason, strict=True):
+            of_each[str(m)].append([start, end, KINDS[kind], why])
+    return of_each
 
 
 def _answers(audit: AuditResult) -> list[list[object]]:

@@ -47,7 +47,7 @@ const makeDetail = (model, place, act) => {
       readout.textContent = step === null ? `${view.fps ? "seconds" : "steps"} from its start` : `step ${step}${view.fps ? `, ${model.seconds(step)}` : ""}${more}`;
     };
     said(null);
-    charts = stepCharts(model, m, drawing, box, said, (step) => (live ? live.seek(step) : act.moved(m, step)));
+    charts = stepCharts(model, m, drawing, box, said, act.seek);
     requestAnimationFrame(() => at(act.step())); // once they are laid out
   };
 
@@ -72,6 +72,7 @@ const makeDetail = (model, place, act) => {
         el("span", { class: "turn" }, el("button", { type: "button", "aria-label": "Previous", onclick: () => act.turn(-1) }, "‹"), el("button", { type: "button", "aria-label": "Next", onclick: () => act.turn(1) }, "›"))),
       model.isOpen(m) ? el("p", { class: "muted" }, "It is shown above. What the audit thinks of it is shown after your answer.") : "",
       live && !model.isOpen(m) ? live.look(model, m, { step: act.step(), told: act.moved }) : "",
+      makeBands(model, m, act),
       live ? live.said(model, m) : "",
       ...said,
       model.faults[m].length ? el("ul", { class: "own-faults" }, model.faults[m].map((k) => el("li", {}, el("strong", {}, found.rule[k]), `: ${printable(found.sentence[k])}`))) : "",
@@ -90,5 +91,5 @@ const makeDetail = (model, place, act) => {
     for (const chart of charts) chart.setSize({ width: Math.max(200, chart.root.parentElement.clientWidth), height: chart.height });
   };
   new ResizeObserver(resize).observe(place);
-  return { show, at, marked, redraw: () => { if (shown !== null) show(shown); }, empty: () => { clear(); shown = null; place.replaceChildren(el("p", { class: "muted" }, "No demonstration matches.")); } };
+  return { show, at, marked, bands: () => place.querySelector(".bands").replaceWith(makeBands(model, shown, act)), redraw: () => { if (shown !== null) show(shown); }, empty: () => { clear(); shown = null; place.replaceChildren(el("p", { class: "muted" }, "No demonstration matches.")); } };
 };

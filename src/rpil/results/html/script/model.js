@@ -36,14 +36,24 @@ const makeModel = (view) => {
     else marks.delete(m);
     store.write(Object.fromEntries([...marks].map(([k, mark]) => [d.id[k], mark])));
   };
-  const mark = (m, word) => {
-    past.push([m, marks.get(m)]);
-    put(m, word);
+  // Rows that are good or bad: [demonstration, first, the one after the last, word].
+  const own = makeStore(`rpil-rows-${view.run}`), stored = live ? null : own.read().rows;
+  let spans = Array.isArray(stored) ? stored : view.rows;
+  const putRows = (given) => {
+    spans = given;
+    own.write({ rows: spans });
+  };
+  const mark = (m, word, start, end) => {
+    past.push([m, marks.get(m), spans]);
+    if (start === undefined) put(m, word);
+    else putRows([...spans.filter((row) => row[0] !== m || row[2] <= start || row[1] >= end), ...(word ? [[m, start, end, word]] : [])]);
   };
   const undo = () => {
-    const last = past.pop();
-    if (last) put(...last);
-    return last?.[0];
+    const [m, word, before] = past.pop() ?? [];
+    if (m === undefined) return m;
+    put(m, word);
+    putRows(before);
+    return m;
   };
 
   // What the table can be filtered by: each has values, and those of a demonstration.
@@ -94,7 +104,8 @@ const makeModel = (view) => {
   const labels = () => {
     const given = view.answers.filter(([m, word]) => !(marks.has(m) && MARKS.includes(word)));
     const own = [...marks].sort(([a], [b]) => a - b);
-    return ["id,label", ...[...given, ...own].map(([m, word]) => `${cell(d.id[m])},${cell(word)}`), ""].join("\n");
+    const more = spans.length ? "," : "", lines = spans.map(([m, start, end, word]) => `${cell(d.id[m])},${word},${start},${end}`);
+    return [`id,label${more && ",start,end"}`, ...[...given, ...own].map(([m, word]) => `${cell(d.id[m])},${cell(word)}${more && ",,"}`), ...lines, ""].join("\n");
   };
   const keep = () => {
     const isKept = (m) => (marks.has(m) ? marks.get(m) === "good" : d.kept[m]);
@@ -106,7 +117,7 @@ const makeModel = (view) => {
 
   const seconds = (step) => (view.fps ? `${(step / view.fps).toFixed(1)} s` : "");
   return {
-    view, d, size, names, faults, rules, found, order, marks, mark, undo, dimensions, state, rows, labels, keep, seconds,
+    view, d, size, names, faults, rules, found, order, marks, spans: () => spans, mark, undo, dimensions, state, rows, labels, keep, seconds,
     // What the audit thinks of a demonstration is withheld while the question about it is open.
     isOpen: (m) => Boolean(live?.isAsked(m)),
     lasts: store.lasts, side: (m) => view.sides[d.verdict[m]], canUndo: () => past.length > 0,

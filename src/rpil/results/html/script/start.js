@@ -9,7 +9,7 @@ const start = (article, before = null) => {
   let chosen = null, axis = null, step = 0;
   article.querySelector(".work").hidden = false;
 
-  const choose = (m, show = true, at = 0) => {
+  const choose = (m, show = true, at = (!model.isOpen(m) && view.segments[m]?.find(([, , , why]) => why)?.[0]) || 0) => {
     [chosen, step] = [m, at];
     table.select(m, show);
     detail.show(m);
@@ -61,13 +61,24 @@ const start = (article, before = null) => {
     if (state.mark.size) changed();
     else table.draw(true);
   };
+  // Rows that are begun with one key and ended with another are what the next mark is about.
+  let begun = null;
+  const bound = (more) => {
+    begun = more(step);
+    detail.bands();
+  };
+  const ends = (at) => (begun?.m === chosen ? { ...begun, start: Math.min(begun.start, at), end: Math.max(begun.start, at) + 1 } : null);
   const mark = (word) => {
     if (chosen === null) return;
+    const rows = begun?.m === chosen && begun.end !== undefined ? [begun.start, begun.end] : [];
+    begun = null;
     if (live) {
-      live.mark(word, chosen);
+      if (word || !rows.length) live.mark(word, chosen, rows);
+      else detail.bands();
       return;
     }
-    model.mark(chosen, word);
+    model.mark(chosen, word, ...rows);
+    if (rows.length) detail.bands();
     tell();
   };
   const undo = live ? live.undo : () => {
@@ -78,7 +89,7 @@ const start = (article, before = null) => {
   const turn = (by) => { if (table.shown().length) choose(table.step(by)); };
 
   const table = makeTable(model, part("box"), choose);
-  const detail = makeDetail(model, part("detail"), { mark, turn, moved, step: () => step });
+  const detail = makeDetail(model, part("detail"), { mark, turn, moved, step: () => step, seek: (at) => (live ? live.seek(at) : moved(chosen, at)), get begun() { return begun; } });
   const filters = makeFilters(model, part("filters"), changed);
   const review = part("review"), search = part("search");
   review.textContent = view.n_review ? `Show the ${view.n_review.toLocaleString("en")} to look at` : "None to look at";
@@ -149,6 +160,7 @@ const start = (article, before = null) => {
   const keys = [
     ["j", "next demonstration", () => turn(1)], ["k", "previous demonstration", () => turn(-1)],
     ["g", "good", () => mark("good")], ["b", "bad", () => mark("bad")],
+    ["[", "the steps to mark begin here", () => bound((start) => ({ m: chosen, start }))], ["]", "they end here: then g or b", () => bound(ends)],
     ["z", live ? "undo the last answer" : "undo the last mark", undo],
     ["/", "search", () => search.focus()],
     ["Escape", "clear the filters", () => { filters.clear(); changed(); table.focus(); }],

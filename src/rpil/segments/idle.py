@@ -1,0 +1,76 @@
+"""Idle rows, anywhere in a demonstration: by states and actions that rest, or by the rule of openpi."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from rpil.data.arrays import spans
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.faults import settings
+from rpil.faults.measured_columns import MovingBlock
+from rpil.faults.rule import Learned
+from rpil.faults.still import long_runs, resting_rows
+from rpil.formats.dataset import Dataset
+from rpil.numerics.types import Array, Bool, Float, Int
+
+LONG_WAIT = 1.5
+"""Times the usual rest after a gripper has moved, up to which the arm waits for it."""
+
+SAME, LEAST_MOVING, LAST = 1e-3, 16, 10
+"""Of openpi's rule: change of an action that is none; moving rows at least; rows by which each range ends earlier."""
+
+
+def idle_rows(demonstrations: Demonstrations | Dataset, rule: Literal["rest", "openpi"] = "rest") -> Bool[Array, " N"]:
+    """Rows in which nothing moves, for `Audit.ranges`.
+
+    Parameters
+    ----------
+    demonstrations : Demonstrations or Dataset
+        Where actions are classes no row is idle.
+    rule : {"rest", "openpi"}
+        By "rest", states and actions stay the same, but for noise, for 7 rows or more, and not while a gripper closes.
+        By "openpi", those that its script for DROID leaves out: 7 or more in a row whose actions, but for those called
+        gripper, differ by less than .001 from the row before; less than 16 rows between; and 10 before each.
+    """
+    if rule not in ("rest", "openpi"):
+        raise DataError(f"No rule of idle rows is called {rule!r}; choose rest or openpi.")
+    if demonstrations.is_discrete:
+        return np.zeros(demonstrations.n_steps, dtype=bool)
+    blocks = [block for shard in demonstrations.shards(1, settings.CACHE_STEPS) for block in shard]
+    if rule == "openpi":
+        names = demonstrations.action_names or [""] * demonstrations.n_actions
+        own = [a for a, name in enumerate(names) if "gripper" not in name.lower()]
+        return np.concatenate([_left_out_by_openpi(block.actions[:, own], block.offsets) for block in blocks])
+    learned, found = Learned.of(demonstrations), list[tuple[Bool[Array, " n"], Array]]()
+    measured = learned.columns.number[learned.columns.is_action] - demonstrations.n_observations
+    for block in blocks:
+        moving = MovingBlock.of(block, np.arange(len(block.offsets) - 1), learned.columns)
+        turns = np.asarray(np.diff(np.delete(block.actions, measured, axis=1), axis=0, prepend=0).any(axis=1))
+        turns[block.offsets[:-1]] = False
+        rests = resting_rows(moving, learned.tracked.is_command)
+        found += zip(rests, np.split(turns, block.offsets[1:-1]), strict=True)
+    return np.concatenate(_without_waits(found))
+
+
+def _left_out_by_openpi(actions: Float[Array, "T A"], offsets: Int[Array, " _"]) -> Bool[Array, " T"]:
+    same = np.append(False, (np.abs(np.diff(actions, axis=0)) < SAME).all(axis=1))
+    left_out = np.ones(len(actions), dtype=bool)
+    same[offsets[:-1]] = False
+    for begin, end in pairwise(offsets.tolist()):
+        for first, last in spans(~long_runs(same[begin:end], settings.REST_ROWS)):
+            left_out[begin + first : begin + max(last - LAST, first)] = last - first < LEAST_MOVING
+    return left_out
+
+
+def _without_waits(found: list[tuple[Bool[Array, " n"], Bool[Array, " n"]]]) -> list[Bool[Array, " n"]]:
+    """The resting rows without those in which the arm waits for its gripper, as it usually does."""
+    turns = [(rests, n) for rests, turned in found for n in np.flatnonzero(turned).tolist()]
+    ends = [next((b for a, b in spans(rests) if b > n and a < n + settings.REST_ROWS), n) for rests, n in turns]
+    usual = int(np.quantile([end - n for (_, n), end in zip(turns, ends, strict=True)], 0.75)) if turns else 0
+    for (rests, n), end in zip(turns, ends, strict=True):
+        rests[n : end if end - n <= LONG_WAIT * usual else n + usual] = False
+    return [long_runs(rests, settings.REST_ROWS) for rests, _ in found]

@@ -1,0 +1,59 @@
+"""Rows to keep as ranges, for trainers, and segments as a table."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from rpil.data.errors import DataError
+from rpil.data.files import StrPath, check_extension, replacing
+from rpil.segments.table import KINDS, Segments
+
+
+def keys_of(pattern: str, ids: Iterable[Hashable], column: Callable[[str], Mapping[str, str]]) -> list[str]:
+    """The key of each demonstration by a pattern with columns in braces; `column` gives the values of one by id as
+    text. A `DataError` where two keys are alike."""
+    parts = re.split(r"\{([^{}]+)\}", pattern)
+    names = [*map(str, ids)]
+    values = {one: dict(zip(names, names, strict=True)) if one == "id" else column(one) for one in parts[1::2]}
+    each = ((values[part].get(name, "") if k % 2 else part for k, part in enumerate(parts)) for name in names)
+    keys = [*map("".join, each)]
+    if len({*keys}) < len(keys):
+        twice = next(key for k, key in enumerate(keys) if key in keys[:k])
+        raise DataError(f"{pattern!r}: two have the key {twice!r:.80}; name columns in braces that differ, as {{id}}.")
+    return keys
+
+
+def write_ranges(path: StrPath, ranges: Mapping[str, Sequence[tuple[int, int]]]) -> None:
+    """Write ``{"id": [[start, end], ...], ...}``: the rows to keep of each demonstration that is kept, half-open."""
+    lines = ",\n ".join(f"{json.dumps(name)}: {json.dumps(own)}" for name, own in ranges.items())
+    with replacing(check_extension(path, (".json",), "ranges")) as temporary:
+        temporary.write_text(f"{{{lines}}}\n", encoding="utf-8")
+
+
+def segment_columns(segments: Segments, ids: Sequence[Hashable], fps: float | None) -> dict[str, Sequence[object]]:
+    """The columns of a table of segments: id, start, end, seconds where the rate is known, kind, score, reason."""
+    return {
+        "id": [ids[m] for m in segments.demonstration.tolist()],
+        "start": segments.start.tolist(),
+        "end": segments.end.tolist(),
+        **({"seconds": ((segments.end - segments.start) / fps).tolist()} if fps else {}),
+        "kind": [KINDS[kind] for kind in segments.kind.tolist()],
+        "score": [value if np.isfinite(value) else None for value in segments.score.tolist()],
+        "reason": segments.reason,
+    }
+
+
+def subtask_columns(segments: Segments, ids: Iterable[Hashable]) -> dict[str, dict[str, object]]:
+    """Segments as the tools of LeRobot hold subtasks of an episode: names, first and last frames; by ids as text."""
+    names = [KINDS[kind] for kind in segments.kind.tolist()]
+    columns = {"names": names, "start_frames": segments.start.tolist(), "end_frames": (segments.end - 1).tolist()}
+    found: dict[str, dict[str, object]] = {f"rpil_subtask_{name}": {} for name in columns}
+    for m, own in enumerate(map(str, ids)):
+        first, last = np.searchsorted(segments.demonstration, (m, m + 1)).tolist()
+        for name, values in columns.items():
+            found[f"rpil_subtask_{name}"][own] = values[first:last]
+    return found

@@ -1,0 +1,136 @@
+"""``rpil audit --ranges``: rows to keep, by ids as trainers want them; tables of segments; rows that are called bad."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
+
+import rpil
+from command_line import ok, refused
+from idle_worlds import world
+from rpil.data.errors import DataError
+from rpil.segments.ranges import keys_of
+from rpil.segments.table import KINDS
+
+IDS = ("plain", "a, b", 'say "x"', "é\u2028z", "=1+1", "__proto__")
+
+
+@pytest.fixture
+def data(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    made = world(4)
+    some = made.data.select(range(len(IDS)))
+    states, actions = some.observations.T, some.actions.T
+    names = np.repeat(IDS, some.lengths)
+    with open("a.csv", "w", newline="", encoding="utf-8") as stream:
+        rows = csv.writer(stream)
+        heads = [*(f"observation.{k}" for k in range(len(states))), *(f"action.{k}" for k in range(len(actions)))]
+        rows.writerow(["episode", "folder", "file", *heads])
+        files = [(f"/data/{m % 2}", f"{m // 2}.h5") for m in np.repeat(range(len(IDS)), some.lengths)]
+        rows.writerows([m, *own, *row] for m, own, *row in zip(names, files, *states, *actions, strict=True))
+    return rpil.read("a.csv"), made.idle[: some.n_steps]
+
+
+def ranges(*options):
+    ok("audit", "a.csv", "--quiet", "--ranges", "keep.json", *options)
+    return json.loads(Path("keep.json").read_text(encoding="utf-8"))
+
+
+def rows_of(given, demonstrations):
+    rows = np.zeros(demonstrations.n_steps, dtype=bool)
+    for name, begin in zip(demonstrations.ids, demonstrations.offsets.tolist(), strict=False):
+        for start, end in given.get(str(name), []):
+            rows[begin + start : begin + end] = True
+    return rows
+
+
+def test_all_rows_are_kept_unless_something_is_asked(data):
+    demonstrations, idle = data
+    lengths = dict(zip(IDS, demonstrations.lengths.tolist(), strict=True))
+    assert ranges() == {m: [[0, n]] for m, n in lengths.items()}
+    without = ranges("--idle", "drop")
+    np.testing.assert_array_equal(rows_of(without, demonstrations), ~idle)
+    audit = rpil.audit("a.csv")
+    assert {m: [*map(list, own)] for m, own in audit.ranges(rpil.idle_rows(demonstrations)).items()} == without
+    openpi = ranges("--idle", "openpi")
+    np.testing.assert_array_equal(rows_of(openpi, demonstrations), ~rpil.idle_rows(demonstrations, "openpi"))
+
+
+def test_rows_and_demonstrations_that_are_bad_are_left_out(data):
+    demonstrations, _ = data
+    with open("labels.csv", "w", newline="", encoding="utf-8") as stream:
+        answers = [("a, b", 5, 20, "bad"), ("a, b", 30, 40, "bad"), ("=1+1", 0, 9, "good"), ("é\u2028z", "", "", "bad")]
+        csv.writer(stream).writerows([("id", "start", "end", "label"), *answers])
+    files = "--segments", "s.parquet", "--weights", "w.csv", "--keep", "k.json"
+    found, n = ranges("--labels", "labels.csv", *files), int(demonstrations.lengths[1])
+    assert "é\u2028z" not in found
+    assert found["a, b"] == [[0, 5], [20, 30], [40, n]]
+    assert found["=1+1"] == [[0, int(demonstrations.lengths[4])]]
+    weights = pyarrow.csv.read_csv("w.csv")["weight"].to_numpy()
+    own = weights[demonstrations.offsets[1] : demonstrations.offsets[2]]
+    assert np.flatnonzero(own == 0).tolist() == [*range(5, 20), *range(30, 40)]
+    rows = pq.read_table("s.parquet").to_pylist()
+    assert {*rows[0]} >= {"id", "start", "end", "kind", "score", "reason"}
+    assert {row["kind"] for row in rows} <= {*KINDS}
+    for name, n in zip(IDS, demonstrations.lengths.tolist(), strict=True):
+        own = [row for row in rows if row["id"] == name]
+        assert [row["start"] for row in own] + [n] == [0] + [row["end"] for row in own]
+
+
+def test_keys_are_what_a_trainer_wants(data):
+    keys = [f"/data/{m % 2}--{m // 2}.h5" for m in range(len(IDS))]
+    assert [*ranges("--ranges-id", "{folder}--{file}")] == keys
+    assert [*ranges("--ranges-id", "x {id}")] == [f"x {name}" for name in IDS]
+    for pattern in ("{folder}", "one", "{", "{}", "{id!r:>99999999}", "{id.__class__}"):
+        refused("--ranges-id|two have the key|no column is called", "audit", "a.csv", "--quiet", "--ranges", "r.json",
+                "--ranges-id", pattern)  # fmt: skip
+    assert keys_of("{id}", [1, 2], {}.get) == ["1", "2"]
+
+
+def test_what_cannot_be_is_refused_before_any_work(data):
+    refused("give --ranges", "audit", "a.csv", "--idle", "drop")
+    refused("give --ranges", "audit", "a.csv", "--ranges-id", "{id}-")
+    refused("drop", "audit", "a.csv", "--ranges", "r.json", "--idle", "all")
+    refused(r"\.json", "audit", "a.csv", "--ranges", "r.csv")
+    refused(r"a\.csv", "audit", "a.csv", "--segments", "a.csv")
+    Path("labels.csv").write_text("id,label,start,end\nplain,bad,5,4\n")
+    refused("labels.csv, demonstration 'plain', rows 5 to 4", "audit", "a.csv", "--labels", "labels.csv")
+    Path("labels.csv").write_text("id,label,start,end\nnobody,bad,1,4\n")
+    refused("no demonstration is called 'nobody'", "audit", "a.csv", "--labels", "labels.csv")
+
+
+def test_ranges_of_an_audit_need_rows_of_it(data):
+    demonstrations, _ = data
+    audit = rpil.audit("a.csv")
+    for wrong in (np.zeros(3, dtype=bool), np.zeros(demonstrations.n_steps), [True]):
+        with pytest.raises(DataError, match="True or False for each of the"):
+            audit.ranges(wrong)
+    with pytest.raises(DataError, match="No demonstration is called"):
+        audit.ranges(kept=["nobody"])
+    everything = np.ones(demonstrations.n_steps, dtype=bool)
+    assert audit.ranges(everything, ["plain"]) == {"plain": []}
+    with pytest.raises(DataError, match="not the demonstrations of the audit"):
+        audit.segments(demonstrations.select([0, 1]))
+
+
+def test_segments_are_found_within_tasks_and_sorted():
+    made = world(5)
+    data, tasks = made.data, {str(m): "ab"[m % 2] for m in range(len(made.data))}
+    data = data.select(range(7))
+    audit = rpil.audit(data, labels={(3, 0, 9): "bad", (4, 2, 9): "good"})
+    tasks["6"] = "a task of one"
+    found = audit.segments(data, tasks)
+    for m, n in enumerate(data.lengths.tolist()):
+        own = found.demonstration == m
+        assert found.start[own].tolist() == [0, *found.end[own][:-1].tolist()]
+        assert found.end[own][-1] == n
+    assert (np.diff(found.demonstration) >= 0).all()
+    assert len(found.reason) == len(found.start)
+    alone = audit.segments(data)
+    assert {*alone.kind.tolist()} >= {0, 1}
