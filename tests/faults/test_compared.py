@@ -252,7 +252,8 @@ def test_ends_are_idle_where_no_controller_settles(motion, is_idle):
         every = np.concatenate([before, own, before])
         offsets = np.cumsum([0, 5, len(own), 5])
         codes = SimpleNamespace(actions=np.zeros(len(every), dtype=int))
-        block = SimpleNamespace(moves=every > 0.05, offsets=offsets, motion=every, block=codes, numbers=range(3))
+        of_block = {"offsets": offsets, "block": codes, "numbers": range(3), "columns": None}
+        block = SimpleNamespace(moves=every > 0.05, motion=every, **of_block)
         head, tail, *rests = IdleEnd.measure(block, SimpleNamespace(tracked=SimpleNamespace(is_command=False)))
         assert not np.any(rests)
         n = len(motion)

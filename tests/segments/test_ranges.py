@@ -117,3 +117,20 @@ def test_ranges_of_an_audit_need_rows_of_it(data):
     assert audit.ranges(everything, ["plain"]) == {"plain": []}
     with pytest.raises(DataError, match="not the demonstrations of the audit"):
         audit.segments(demonstrations.select([0, 1]))
+
+
+def test_segments_are_found_within_tasks_and_sorted():
+    made = world(5)
+    data, tasks = made.data, {str(m): "ab"[m % 2] for m in range(len(made.data))}
+    data = data.select(range(7))
+    audit = rpil.audit(data, labels={(3, 0, 9): "bad", (4, 2, 9): "good"})
+    tasks["6"] = "a task of one"
+    found = audit.segments(data, tasks)
+    for m, n in enumerate(data.lengths.tolist()):
+        own = found.demonstration == m
+        assert found.start[own].tolist() == [0, *found.end[own][:-1].tolist()]
+        assert found.end[own][-1] == n
+    assert (np.diff(found.demonstration) >= 0).all()
+    assert len(found.reason) == len(found.start)
+    alone = audit.segments(data)
+    assert {*alone.kind.tolist()} >= {0, 1}

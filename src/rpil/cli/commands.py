@@ -161,7 +161,7 @@ class AuditRun:
     @cached_property
     def segments(self) -> Segments:
         """Where in the demonstrations something is."""
-        return self.audit.segments(self.recording.demonstrations)
+        return self.audit.segments(self.recording.demonstrations, self.recording.tasks)
 
     @cached_property
     def lost(self) -> tuple[str, ...]:
@@ -255,6 +255,7 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: Stag
 
 def about(run: AuditRun) -> About:
     """What the report shows beside the audit."""
+    from rpil.data.demonstrations import Demonstrations
     from rpil.data.privacy import for_others
     from rpil.faults.set_table import set_table
     from rpil.results.html.page import About, no_faults
@@ -270,7 +271,7 @@ def about(run: AuditRun) -> About:
         table=set_table(run.recording, run.faults, Path(source).name) if run.faults else None,
         tasks=run.recording.tasks,
         demonstrators=run.demonstrators,
-        segments=run.segments,
+        segments=run.segments if isinstance(run.recording.demonstrations, Demonstrations) else None,  # in memory
         lerobot=lerobot,
         hub=hub[1] if hub and lerobot else "",
     )

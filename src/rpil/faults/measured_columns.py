@@ -32,7 +32,7 @@ class MeasuredColumns:
     moving: Float[Array, " C"]  # share of the steps in motion in which the column changes
     memory: Float[Array, " C"]  # rank correlation of the values of steps with those of the steps before
     noise: Float[Array, " C"] = field(default_factory=lambda: np.zeros(0))
-    """Standard deviation of its noise, by its third differences, to which smooth motion adds little."""
+    """Standard deviation of its noise at rest."""
     motion: float = 1.0  # median of the steps that have any, see `motion_of`
     quaternions: Mapping[int, Float[Array, " 4"]] = field(default_factory=dict)
     """The first of four columns that are one, and a rotation whose sign the others take: q and -q are the same."""
@@ -179,14 +179,31 @@ def learn_columns(sample: Block, numbers: Int[Array, " M"], labels: tuple[str, .
     moving = MovingBlock.of(sample, numbers, columns)
     scale = np.array([_median_or_one(moved[moved > 0]) for moved in moving.size])
     off = np.median(np.abs(moving.values - np.median(moving.values, axis=1, keepdims=True)), axis=1)
-    third = np.abs(np.diff(moving.values, n=3, axis=1)) if moving.values.shape[1] > 3 else moving.size
-    noise = np.median(third, axis=1) / settings.THIRD_DIFFERENCE
     spread = np.where(off > 0, off / 0.6745, moving.values.std(axis=1))
-    columns = replace(columns, scale=scale, noise=noise, spread=spread)
+    columns = replace(columns, scale=scale, noise=_noise_at_rest(moving), spread=spread)
     motion = columns.motion_of(moving.size)
     moving = MovingBlock.of(sample, numbers, replace(columns, motion=_median_or_one(motion[motion > 0])))
     share = (moving.size > 0)[:, moving.moves].mean(axis=1) if moving.moves.any() else ones
     return replace(moving, columns=replace(moving.columns, moving=share, memory=_memory(moving)))
+
+
+def window_means(values: Float[Array, "C n"], width: int) -> Float[Array, "C m"]:
+    """The mean over `width` rows from each row on."""
+    total = np.cumsum(np.pad(values, ((0, 0), (1, 0))), axis=1)
+    return np.asarray((total[:, width:] - total[:, :-width]) / width)
+
+
+def _noise_at_rest(sample: MovingBlock) -> Float[Array, " C"]:
+    """Standard deviation of the noise where it is least, by third differences, to which smooth motion adds little; at
+    least that of the steps of an encoder."""
+    third = np.diff(sample.values, n=3, axis=1)
+    third = third[:, ~np.isin(np.arange(third.shape[1]), np.add.outer(sample.offsets[1:-1], [-3, -2, -1]))]
+    least = np.where(sample.size > 0, sample.size, np.inf).min(axis=1) / np.sqrt(12)
+    if third.shape[1] < settings.NOISE_ROWS:
+        return np.zeros(len(third))
+    quiet = np.quantile(window_means(third**2, settings.NOISE_ROWS), settings.QUIET, axis=1)
+    noise = np.sqrt(quiet / 20) / settings.NOISE_OF_QUIET
+    return np.asarray(np.maximum(noise, np.where(np.isfinite(least), least, 0)))
 
 
 def _memory(sample: MovingBlock) -> Float[Array, " C"]:

@@ -79,7 +79,7 @@ def set_table(recording: Recording, report: FaultReport, path: str) -> SetTable:
         "cameras": recording.origin.metadata.n_cameras,
     }
     if block.actions.ndim == 2:
-        head, tail, _, middle, *_ = idle_runs(moving, learned.tracked.is_command)
+        head, tail, _, middle = idle_runs(moving, learned.tracked.is_command)
         idle = head + tail + middle
         facts["idle share"] = float(np.minimum(idle, lengths).sum() / lengths.sum())
     if len(learned.columns.names) and len(lengths) > 1:

@@ -50,10 +50,11 @@ IDLE_MOTION = 0.05  # motion, relative to the usual one, below which a step is i
 MIN_IDLE = 10  # steps; shorter idle heads and tails are no fault
 LONG_IDLE, IDLE_SHARE = 16, (0.16, 0.16, 0.2)  # steps, and share at ends and between, of rest that is always idle
 SETTLING = 1.25  # times by which motion decays from the first to the last third of a tail of a controller that settles
-THIRD_DIFFERENCE = 3.016  # median size, .6745 sqrt(20), of that of noise of standard deviation 1: motion adds little
+NOISE_ROWS, QUIET, NOISE_OF_QUIET = 12, 0.1, 0.62  # rows that tell noise, share of quiet ones, what they have of it
 LARGEST_BAND = 0.5  # spreads of a state: where rest may be farther apart, it does not tell rest from motion
-REST_STEPS = 8  # whose mean is compared with that of the next ones
-REST_SHARE = 0.01  # spreads that what rests may go in so many steps, beside its noise
+REST_STEPS = 8  # within which what follows a rest is still of it
+REST_ROWS, REST_WIDTHS = 7, (3, 8, 24)  # rows of a rest at least; widths whose means are compared with the next ones
+REST_FAR, REST_DRIFT = 3.0, 2e-4  # standard errors that what rests may go, and spreads a row beside
 
 # Lags
 MAX_LAG = 20  # steps between action and state that are looked at, in both directions

@@ -14,7 +14,7 @@ import numpy as np
 
 from rpil.data.arrays import spans
 from rpil.faults import settings
-from rpil.faults.measured_columns import MovingBlock, not_recorded, ranges_and_zeros
+from rpil.faults.measured_columns import MovingBlock, not_recorded, ranges_and_zeros, window_means
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
 from rpil.numerics.types import Array, Bool, Float, Int, Shaped
 
@@ -194,12 +194,6 @@ def runs_of(changed: Bool[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Arr
     return np.diff(starts, append=changed.size), starts, np.searchsorted(starts, first.ravel())
 
 
-def window_means(values: Float[Array, "C n"], width: int) -> Float[Array, "C m"]:
-    """The mean over `width` rows from each row on."""
-    total = np.cumsum(np.pad(values, ((0, 0), (1, 0))), axis=1)
-    return np.asarray((total[:, width:] - total[:, :-width]) / width)
-
-
 def long_runs(rows: Bool[Array, " n"], least: int) -> Bool[Array, " n"]:
     """The rows without those of runs of fewer than `least`."""
     for a, b in spans(rows):
@@ -221,54 +215,44 @@ def steady(values: Float[Array, "C n"], bands: Mapping[int, Float[Array, " C"]],
     return found
 
 
-def resting_runs(block: MovingBlock) -> tuple[Int[Array, " M"], ...]:
-    """Steps at rest at the beginning and at the end of each demonstration, and the first step and the length of its
-    longest rest between. The means over W steps and over the next W lie within four standard deviations, and a share
-    of the spread, in every column whose noise is smaller than its motion; those of its first and last W within twice
-    that."""
-    columns, w = block.columns, settings.REST_STEPS
-    head, tail, first, longest = (np.zeros(len(block.numbers), dtype=int) for _ in range(4))
-    band = 4.0 * np.sqrt(2.0 / w) * columns.noise + settings.REST_SHARE * columns.spread
-    tells = band <= settings.LARGEST_BAND * columns.spread
-    if not tells.any() or block.values.shape[1] <= 2 * w:
-        return head, tail, first, longest
-    values, band = block.values[tells], band[tells]
-    for m, (begin, end) in enumerate(itertools.pairwise(block.offsets.tolist())):
-        own = values[:, begin:end]
-        for a, b in spans(steady(own, {w: band}, 2 * w)) if end - begin > 2 * w else ():
-            n = b - a
-            if (np.abs(own[:, b - w : b].mean(axis=1) - own[:, a : a + w].mean(axis=1)) > 2.0 * band).any():
-                continue  # it creeps
-            if a == 0:
-                head[m] = n
-            if a + n >= end - begin:
-                tail[m] = n
-            elif a and n > longest[m]:
-                first[m], longest[m] = a, n
-    return head, tail, first, longest
-
-
-def idle_runs(block: MovingBlock, is_command: bool) -> tuple[Array, ...]:
-    """The same of rests in which the action stays exactly the same, cut to that, or which are of commands, there less
-    the W steps in which motion begins; a code may be a push. Then the former alone, of the beginning and the end."""
-    actions, offsets, w = block.block.actions, block.offsets, settings.REST_STEPS
+def resting_rows(block: MovingBlock, is_command: bool, by_states: bool = True) -> list[Bool[Array, " n"]]:
+    """Rows of each demonstration in which states rest within the noise of their sensors, while the action stays exactly
+    the same, or is 0 where it is no command; or, `by_states`, where nothing stays so, while it rests as well."""
+    columns, actions, least, found = block.columns, block.block.actions, settings.REST_ROWS, []
     if actions.ndim == 1:
-        return (np.zeros(len(block.numbers), dtype=int),) * 6
-    head, tail, first, middle = resting_runs(block)
-    steps, begins, ends = np.arange(len(actions)), offsets[:-1], offsets[1:]
-    acted = np.append(False, (np.diff(actions, axis=0) != 0).any(axis=1)) & ~np.isin(steps, begins)
-    acts = np.append(0, np.cumsum(acted))
-    since = np.minimum.reduceat(np.where(acted, steps, len(steps)), begins) - begins - 1
-    until = ends - np.maximum.reduceat(np.where(acted, steps, -1), begins) - 1
-    ever = acts[ends] > acts[begins]  # an action that never changes tells nothing
-    # What is steady may go on: of speeds, the action is none.
-    none = is_command | (actions == 0).all(axis=1)
-    exact, idle = [], []
-    for n, same, at in ((head, since, begins), (tail, until, ends - 1)):
-        exact.append(np.where(ever & (same >= settings.MIN_IDLE), np.minimum(n, same), 0))
-        idle.append(np.where((exact[-1] > 0) & none[at], exact[-1], np.maximum(n - w, 0) * is_command))
-    middle = middle * none[np.minimum(begins + first + middle // 2, len(steps) - 1)]
-    early, late = (np.clip(begins + first + at, 0, len(steps)) for at in (w, middle - w))
-    still = ever & (acts[late] <= acts[early])
-    middle = np.where(still, middle, np.maximum(middle - w, 0) * is_command)
-    return *idle, np.where(still, first, first + w // 2), middle, *exact
+        return [np.zeros(n, dtype=bool) for n in np.diff(block.offsets).tolist()]
+    tells = settings.REST_FAR * columns.noise <= settings.LARGEST_BAND * columns.spread
+    states, noise = ~columns.is_action[tells], columns.noise[tells]
+    drift = settings.REST_DRIFT * columns.spread[tells] + 1e-12
+    bands = {w: settings.REST_FAR * np.sqrt(2 / w) * noise + drift * w for w in settings.REST_WIDTHS}
+    of_states, reach = {w: band[states] for w, band in bands.items()}, settings.REST_FAR * (noise + drift)[:, None]
+    same: Array = ((np.diff(actions, axis=0, prepend=np.nan) == 0) | ((actions == 0) & (not is_command))).all(axis=1)
+    same[block.offsets[:-1]] = False
+    for begin, end in itertools.pairwise(block.offsets.tolist()):
+        own, rests, n = block.values[tells, begin:end], np.zeros(end - begin, dtype=bool), end - begin
+        exact = [(max(a - 1, 0), b) for a, b in spans(long_runs(same[begin:end], least)) if b - a < n - 1]
+        parts = [(a + c, a + d) for a, b in exact for c, d in spans(steady(own[states, a:b], of_states, least))]
+        more = spans(steady(own, bands, least)) if by_states else []
+        more = [(a, b) for a, b in more if not any(a < d and c < b for c, d in exact)]
+        for chosen, a, b in [(states, *part) for part in parts] + [(states | True, *part) for part in more]:
+            off = np.abs(own[chosen, a:b] - np.median(own[chosen, a:b], axis=1, keepdims=True))
+            near = np.flatnonzero((off <= reach[chosen]).all(axis=0))
+            if len(near):  # in the first it arrives; nothing moves before the beginning and after the end
+                rests[a and a + near[0] + 1 : b if b == n else a + near[-1] + 1] = True
+        found.append(long_runs(rests, least) & states.any())
+    return found
+
+
+def idle_runs(block: MovingBlock, is_command: bool) -> tuple[Int[Array, " M"], ...]:
+    """Steps at rest at the beginning and at the end of each demonstration, and the first step and the length of its
+    longest rest between; by states alone they count where actions are commands."""
+    head, tail, first, longest = (np.zeros(len(block.numbers), dtype=int) for _ in range(4))
+    for m, rests in enumerate(resting_rows(block, is_command, is_command)):
+        for a, b in spans(rests):
+            if a == 0:
+                head[m] = b - 1  # motion begins in the last
+            elif b == len(rests):
+                tail[m] = b - a
+            elif b - a > longest[m]:
+                first[m], longest[m] = a, b - a
+    return head, tail, first, longest

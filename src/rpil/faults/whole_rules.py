@@ -237,8 +237,8 @@ class IdleEnd(ComparingRule):
                 third = len(motion) // 3
                 if 0 < settings.SETTLING * motion[1 : third + 1].mean() < motion[-third:].mean():
                     idle[m] = 0
-        long_head, long_tail, first, middle, *exact = idle_runs(block, learned.tracked.is_command)
-        ends = (np.maximum(idle, same) for idle, same in zip((head, tail), exact, strict=True))
+        long_head, long_tail, first, middle = idle_runs(block, learned.tracked.is_command)
+        ends = np.maximum(head, long_head), np.maximum(tail, long_tail)
         return *ends, 0 * middle, long_head, long_tail, middle, first
 
     def compare(self) -> Compared:

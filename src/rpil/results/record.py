@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable
-from dataclasses import dataclass
+from collections.abc import Hashable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -153,15 +154,25 @@ class Audit(AuditResult):
         names = self.choice.kept if kept is None else kept
         return {name: spans(rows[self.steps(self.index(name))]) for name in names}
 
-    def segments(self, demonstrations: Demonstrations | Dataset) -> Segments:
-        """Where in its `demonstrations` something is: acts, idle rows, takeovers, with scores and reasons."""
+    def segments(
+        self, demonstrations: Demonstrations | Dataset, tasks: Mapping[str, str] = MappingProxyType({})
+    ) -> Segments:
+        """Where in its `demonstrations` something is: acts, idle rows, takeovers, with scores and reasons; each among
+        those of the same task, by ids as text."""
         from rpil.segments.find import find_segments
+        from rpil.segments.table import joined
 
         if demonstrations.ids != self.ids or not np.array_equal(demonstrations.offsets, self.offsets):
             raise DataError(f"{demonstrations.source}: these are not the demonstrations of the audit; give those.")
-        marks = [(m, first, last, sign > 0) for m, first, last, sign in self.answers.marks.tolist()]
-        takeover = None if self.taken_over is None else self.taken_over > 0
-        return find_segments(demonstrations.select(slice(None)), self.step_log_ratio, takeover, marks)
+        group, parts = np.unique([tasks.get(str(name), "") for name in self.ids], return_inverse=True)[1], []
+        for own in (np.flatnonzero(group == k).tolist() for k in range(group.max() + 1)):
+            steps = np.concatenate([np.arange(self.offsets[m], self.offsets[m + 1]) for m in own])
+            marks = [(m, first, last, sign > 0) for m, first, last, sign in self.answers.select(own).marks.tolist()]
+            ratio = self.step_log_ratio[steps] if len(self.step_log_ratio) else None
+            taken = None if self.taken_over is None else self.taken_over[steps] > 0
+            found = find_segments(demonstrations.select(own), ratio, taken, marks)
+            parts.append(replace(found, demonstration=np.array(own)[found.demonstration]))
+        return joined(parts)
 
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
         """A data frame with a row for each demonstration, in the order of looking: the first to look at first.

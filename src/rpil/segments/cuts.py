@@ -47,7 +47,7 @@ class Columns:
         return cls(values, offsets, window, moves, is_action)
 
     def closed(self, settings: SegmentSettings) -> Bool[Array, " N"]:
-        """The rows in which a hand is away from its home, or where there is none, in which something moves."""
+        """The rows in which the hand is away from its home, or where there is none, in which something moves."""
         distance = np.abs(self.values - np.median(self.values[self.offsets[:-1]], axis=0))
         away, near = distance > settings.level, distance < settings.level / 2
         between = (~near & (distance < 1.5 * settings.level)).mean(axis=0)
@@ -56,24 +56,25 @@ class Columns:
         counts = np.median(np.add.reduceat(returns, self.offsets[:-1], axis=0), axis=0)
         is_even = (near.mean(axis=0) > settings.at_home) & (near.mean(axis=0) < 1 - settings.at_home)
         is_hand = is_even & (between < settings.between) & (counts > 0)
-        return np.asarray(away[:, is_hand].any(axis=1) if is_hand.any() else self.moves.any(axis=1))
+        return away[:, np.argmin(np.where(is_hand, between, 1.0))] if is_hand.any() else self.moves.any(axis=1)
 
     def things(self, closed: Bool[Array, " N"], settings: SegmentSettings) -> Bool[Array, " C"]:
         """The observations that seldom move while no hand is closed."""
         shares = [
             self.moves[rows].mean(axis=0) if rows.any() else np.zeros(len(self.is_action)) for rows in (~closed, closed)
         ]
-        return np.asarray((shares[0] < settings.few * shares[1]) & ~self.is_action)
+        return np.asarray((shares[0] < settings.seldom * shares[1]) & ~self.is_action)
 
-    def cuts(self, closed: Bool[Array, " N"]) -> list[list[int]]:
-        """First rows of the acts of each demonstration, 0 among them, and its length."""
-        found = []
+    def cuts(self, closed: Bool[Array, " N"]) -> Int[Array, " K"]:
+        """First rows of the acts, but for those of the first acts of demonstrations."""
+        found = list[int]()
         for begin, end in pairwise(self.offsets.tolist()):
-            own, acts = self.values[begin:end], closed[begin:end].copy()
+            own, acts = self.values[begin:end, ~self.is_action], closed[begin:end].copy()
             for a, b in spans(~acts):
                 if a > 0 and b < len(acts) and b - a < self.window:
                     acts[a:b] = True
-            ways = [(a, own[a:b]) for (_, a), (b, _) in pairwise(spans(acts))]
-            turns = [a + int(np.argmax(sum(np.linalg.norm(way - way[k], axis=1) for k in (0, -1)))) for a, way in ways]
-            found.append([0, *turns, len(own)])
-        return found
+            for (_, a), (b, _) in pairwise(spans(acts)):
+                way = own[a:b]
+                away = np.linalg.norm(way - way[0], axis=1) + np.linalg.norm(way - way[-1], axis=1)
+                found.append(begin + a + int(np.argmax(away)))
+        return np.array(found, dtype=int)

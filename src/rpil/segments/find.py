@@ -1,7 +1,7 @@
-"""The segments of demonstrations: acts with their progress, what is undone or done twice, and what stands before it.
+"""The segments of demonstrations: acts with their progress, what is undone or done again, and what stands before it.
 
-An act is low that brings the state no nearer to where others end (`rpil.segments.progress`), whose things the next act
-moves again, or before which a person took over. It is named where that is rare: what many do is the way to do it.
+An act is low that leaves things where others do not leave them (`rpil.segments.destinations`), whose things the next
+act moves again, or after which a person took over. It is named where that is rare: what many do is the way to do it.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from rpil.data.arrays import spans
 from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.segments.cuts import Columns
+from rpil.segments.destinations import progress
 from rpil.segments.idle import idle_rows
-from rpil.segments.progress import rows_ahead
 from rpil.segments.settings import SegmentSettings
 from rpil.segments.table import KINDS, Segments
 from rpil.segments.taught import Label, taught
@@ -33,14 +33,14 @@ class Acts:
     start: Int[Array, " N"]
     end: Int[Array, " N"]
     kind: Int[Array, " N"]
-    progress: Float[Array, " N"]
-    """What the act leaves of the way, less; NaN where nothing is known."""
-    left: Float[Array, " N"]
-    """The way that is left after it."""
     moved: Float[Array, "N C"]
-    """How far it moves each thing."""
-    corrected: Bool[Array, " N"]
-    """Whether the next act moves the same things again, or a person takes over there."""
+    """How far it moves each thing, in ranges."""
+    progress: Float[Array, "N 2"]
+    """Of the states after it and before it; of one that moves nothing, those of the next that does; else NaN."""
+    again: Bool[Array, " N"]
+    """Whether the next act moves the same things again, or moves things where this one moves none."""
+    taken: Bool[Array, " N"]
+    """Whether a person takes over after it."""
 
 
 def find_segments(
@@ -48,7 +48,6 @@ def find_segments(
     step_scores: Float[Array, " N"] | None = None,
     takeover: Bool[Array, " N"] | None = None,
     labels: Sequence[Label] = (),
-    rng: np.random.Generator | None = None,
     settings: SegmentSettings | None = None,
 ) -> Segments:
     """Cut each demonstration into segments, with a kind, a score and a reason.
@@ -62,99 +61,111 @@ def find_segments(
     takeover : (N,) array of bool
         The rows in which a person had taken over.
     labels : sequence of (demonstration, start, end, good)
-        Marked rows; from two on, one good and one bad, the score is P(good).
+        Marked rows.
+
+    Returns
+    -------
+    Segments
+        The score is P(good) where a label says good and another one bad, and else how far an act lies above the median
+        one, in robust standard deviations.
     """
-    settings, rng = settings or SegmentSettings(), rng or np.random.default_rng(0)
+    settings = settings or SegmentSettings()
+    columns = Columns.of(demonstrations, settings)
     taken = np.zeros(demonstrations.n_steps, dtype=bool) if takeover is None else np.asarray(takeover, dtype=bool)
-    acts = find_acts(demonstrations, taken, settings, rng)
-    score = scores(acts)
+    acts = find_acts(columns, taken, settings)
+    score = scores(acts, settings)
     reasons = reasons_of(acts, score, demonstrations.n_demonstrations, settings)
     found = Segments(acts.demonstration, acts.start, acts.end, acts.kind.astype(np.int8), score, reasons)
     if labels:
-        rows = np.zeros(demonstrations.n_steps) if step_scores is None else np.asarray(step_scores)
-        found = taught(found, acts.moved, acts.left, rows, demonstrations.offsets, labels)
+        known = np.zeros((demonstrations.n_steps, 0)) if step_scores is None else np.asarray(step_scores)[:, None]
+        facts = np.column_stack([acts.progress, acts.again | acts.taken, means_of(known, acts, demonstrations.offsets)])
+        found = taught(found, facts, labels)
     return without_idle(found, demonstrations)
 
 
-def find_acts(
-    demonstrations: Demonstrations, taken: Bool[Array, " N"], settings: SegmentSettings, rng: np.random.Generator
-) -> Acts:
-    """Cut demonstrations into acts, and measure each."""
-    columns, offsets = Columns.of(demonstrations, settings), demonstrations.offsets
-    closed = columns.closed(settings)
-    cuts = columns.cuts(closed)
+def find_acts(columns: Columns, taken: Bool[Array, " N"], settings: SegmentSettings) -> Acts:
+    """Cut demonstrations into acts, also where a person takes over, and measure each."""
+    closed, offsets = columns.closed(settings), columns.offsets
     changes = np.flatnonzero(taken[1:] != taken[:-1]) + 1
-    for m, own in enumerate(cuts):
-        inside = changes[(changes > offsets[m]) & (changes < offsets[m + 1])] - offsets[m]
-        cuts[m] = sorted({*own, *inside.tolist()})
-    demonstration = np.repeat(np.arange(len(cuts)), [len(own) - 1 for own in cuts])
-    start, end = (np.concatenate([own[part] for own in cuts]).astype(int) for part in (slice(-1), slice(1, None)))
-    first, last = offsets[demonstration] + start, offsets[demonstration] + end - 1
-    ahead, _ = rows_ahead(demonstrations, settings, rng)
+    first = np.unique(np.concatenate([columns.cuts(closed), offsets[:-1], changes]))
+    last, demonstration = np.append(first[1:], offsets[-1]) - 1, np.searchsorted(offsets, first, side="right") - 1
     things = columns.values[:, columns.things(closed, settings)]
-    change = things[last] - things[first]
-    moved = np.where(np.abs(change) > settings.level / 2, change, 0.0)
-    is_taken = taken[(first + last) // 2]
-    same = np.append(demonstration[1:] == demonstration[:-1], False)
-    following = np.append(moved[1:], moved[:1], axis=0)
-    size, shared = np.abs(moved).sum(axis=1), np.minimum(np.abs(moved), np.abs(following)).sum(axis=1)
-    again = same & (size > 0) & (2 * shared > size)
-    undone = again & (np.abs(moved + following).sum(axis=1) < settings.at_home * size)
-    kind = np.zeros(len(start), dtype=int)
-    kind[1:] = np.where(undone[:-1], BACK, np.where(again[:-1], REPEATED, ACT))
-    kind[is_taken] = TAKEOVER
-    corrected = again | (same & ~is_taken & np.append(is_taken[1:], False))
-    return Acts(demonstration, start, end, kind, ahead[first] - ahead[last], ahead[last], moved, corrected)
+    before, after = things[first], things[last]
+    moved = np.where(np.abs(after - before) > settings.level / 2, after - before, 0.0)
+    states = np.stack(
+        [progress(at, after, before, moved != 0, demonstration, settings) for at in (after, before)], axis=1
+    )
+    follows, following = np.append(np.diff(demonstration) == 0, False), np.append(moved[1:], moved[:1], axis=0)
+    size, shared = (np.abs(each).sum(axis=1) for each in (moved, np.minimum(np.abs(moved), np.abs(following))))
+    again = follows & (shared >= settings.again * size)
+    undone = again & (size > 0) & (np.abs(moved + following).sum(axis=1) < settings.again / 2 * size)
+    for k in np.flatnonzero(follows & (size == 0))[::-1]:
+        states[k] = states[k + 1]
+    kind = np.append(ACT, np.where(undone, BACK, np.where(again, REPEATED, ACT))[:-1])
+    is_before = follows & ~taken[first] & np.append(taken[first][1:], False)
+    start, end = first - offsets[demonstration], last + 1 - offsets[demonstration]
+    return Acts(demonstration, start, end, np.where(taken[first], TAKEOVER, kind), moved, states, again, is_before)
 
 
-def scores(acts: Acts) -> Float[Array, " N"]:
-    """Robust standard deviations of the progress from the median one; a corrected act loses two."""
-    middle = np.median(acts.progress)
-    spread = 1.4826 * float(np.median(np.abs(acts.progress - middle))) + 0.05
-    return np.asarray((acts.progress - middle) / spread - 2.0 * acts.corrected)
+def scores(acts: Acts, settings: SegmentSettings) -> Float[Array, " N"]:
+    """Robust standard deviations of the progress above the median one, less what was done again or taken over."""
+    values = acts.progress[:, 0]
+    if not np.isfinite(values).any():
+        values = np.where(acts.taken, 0.0, np.nan)
+    if not np.isfinite(values).any():
+        return values
+    middle = np.nanmedian(values)
+    spread = max(1.4826 * float(np.nanmedian(np.abs(values - middle))), settings.least_spread)
+    return np.asarray(
+        (values - middle) / spread - settings.correction * acts.again - settings.intervention * acts.taken
+    )
 
 
 def reasons_of(acts: Acts, score: Float[Array, " N"], n: int, settings: SegmentSettings) -> list[str]:
     """A sentence about each candidate, and "" of the others."""
-    count = (acts.moved != 0).sum(axis=1)
-    is_usual = len({*acts.demonstration[acts.corrected].tolist()}) > settings.few * n
-    found = []
-    for k, n_moved in enumerate(count.tolist()):
-        moves = f"moves {n_moved} column{'s' * (n_moved != 1)}"
-        if acts.corrected[k] and acts.kind[k + 1] == TAKEOVER:
+    counts, found = (acts.moved != 0).sum(axis=1).tolist(), []
+    is_usual = len(np.unique(acts.demonstration[acts.again])) > settings.few * n
+    is_low = (acts.progress[:, 0] < 0) & (score < -settings.surprise)
+    for k, count in enumerate(counts):
+        moves = f"moves {count} column{'s' * (count != 1)}" if count else "moves nothing"
+        if acts.taken[k]:
             found.append("a person takes over after it")
-        elif acts.corrected[k] and not is_usual:
-            found.append(f"{moves}, and the next act {'undoes it' if acts.kind[k + 1] == BACK else 'moves them again'}")
-        elif n_moved and acts.progress[k] <= 0 and score[k] < -settings.surprise:
-            found.append(f"{moves} and ends no nearer to where others end")
+        elif acts.again[k] and not is_usual:
+            then = "undoes it" if acts.kind[k + 1] == BACK else "does it again"
+            found.append(f"{moves}, and the next act {then}")
         else:
-            found.append("")
+            found.append(f"{moves} and ends no nearer to where others end" if count and is_low[k] else "")
     return found
 
 
 def without_idle(found: Segments, demonstrations: Demonstrations) -> Segments:
     """The same, where idle rows are segments of their own."""
     idle, parts = idle_rows(demonstrations), []
-    for k, m in enumerate(found.demonstration.tolist()):
-        own = idle[demonstrations.offsets[m] + found.start[k] : demonstrations.offsets[m] + found.end[k]]
+    for k, begin in enumerate(demonstrations.offsets[found.demonstration].tolist()):
+        own = idle[begin + found.start[k] : begin + found.end[k]]
         rests = spans(own)
         edges = sorted({0, len(own), *(row for rest in rests for row in rest)})
         parts += [(k, a + found.start[k], b + found.start[k], (a, b) in rests) for a, b in pairwise(edges)]
-    of, start, end, rests_ = (np.array(part) for part in zip(*parts, strict=True))
+    of, start, end, is_idle = (np.array(part) for part in zip(*parts, strict=True))
     return replace(
         found,
         demonstration=found.demonstration[of],
         start=start,
         end=end,
-        kind=np.where(rests_, IDLE, found.kind[of]).astype(np.int8),
-        score=np.where(rests_, np.nan, found.score[of]),
-        reason=["" if rest else found.reason[k] for k, rest in zip(of.tolist(), rests_.tolist(), strict=True)],
+        kind=np.where(is_idle, IDLE, found.kind[of]).astype(np.int8),
+        score=np.where(is_idle, np.nan, found.score[of]),
+        reason=["" if rest else found.reason[k] for k, rest in zip(of.tolist(), is_idle.tolist(), strict=True)],
     )
 
 
-def worst(segments: Segments, n: int) -> Float[Array, " M"]:
-    """The lowest score among the segments of each of `n` demonstrations, NaN where nothing is known."""
-    lowest = np.full(n, np.inf)
-    known = np.isfinite(segments.score)
-    np.minimum.at(lowest, segments.demonstration[known], segments.score[known])
-    return np.where(np.isfinite(lowest), lowest, np.nan)
+def means_of(values: Float[Array, "T V"], acts: Acts, offsets: Int[Array, " _"]) -> Float[Array, "N V"]:
+    """Means of the rows of each act."""
+    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
+    first, last = (offsets[acts.demonstration] + row for row in (acts.start, acts.end))
+    return np.asarray((total[last] - total[first]) / (last - first)[:, None])
+
+
+def shortfall(segments: Segments, n: int) -> Float[Array, " M"]:
+    """How far the acts of each of `n` demonstrations lie below the median one, summed up and negative."""
+    below = np.minimum(np.nan_to_num(segments.score - np.nanmedian(segments.score)), 0.0)
+    return np.bincount(segments.demonstration, below, n)

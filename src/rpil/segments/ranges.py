@@ -47,11 +47,11 @@ def segment_columns(segments: Segments, ids: Sequence[Hashable], fps: float | No
     }
 
 
-def subtask_columns(segments: Segments, ids: Iterable[Hashable]) -> dict[str, dict[str, list[object]]]:
+def subtask_columns(segments: Segments, ids: Iterable[Hashable]) -> dict[str, dict[str, object]]:
     """Segments as the tools of LeRobot hold subtasks of an episode: names, first and last frames; by ids as text."""
     names = [KINDS[kind] for kind in segments.kind.tolist()]
     columns = {"names": names, "start_frames": segments.start.tolist(), "end_frames": (segments.end - 1).tolist()}
-    found: dict[str, dict[str, list[object]]] = {f"rpil_subtask_{name}": {} for name in columns}
+    found: dict[str, dict[str, object]] = {f"rpil_subtask_{name}": {} for name in columns}
     for m, own in enumerate(map(str, ids)):
         first, last = np.searchsorted(segments.demonstration, (m, m + 1)).tolist()
         for name, values in columns.items():

@@ -1,16 +1,16 @@
-"""Settings of segments; docs/segments.md says what each step does. Values without a source were chosen by hand."""
+"""Settings of segments; docs/segments.md says what each step does. They were chosen by hand on OCBench."""
 
 from __future__ import annotations
 
 from rpil.data.settings_record import settings_record
 
 
-@settings_record(level="(0, 0.5)", at_home="(0, 1)", rest_share="(0, 1)", window_share="(0, 1)", few="(0, 1]")
+@settings_record(level="(0, 0.5)", at_home="(0, 0.5)", between="(0, 1)", least_move="(0, 1)", few="(0, 1]")
 class SegmentSettings:
     """Segments of demonstrations (`rpil.segments.find`)."""
 
     level: float = 0.16
-    """Share of its range by which a column leaves its first value, so that a hand closes or a thing is moved."""
+    """Share of its range by which a column leaves its first value where a hand closes, or half of which a thing goes."""
     at_home: float = 0.25
     """Share of the rows in which a hand is as at first, at least, and in which it is not."""
     between: float = 0.1
@@ -19,13 +19,23 @@ class SegmentSettings:
     """Rows within which a move is measured, relative to the median demonstration; three at least."""
     least_move: float = 0.02
     """Share of its range by which a column moves within these rows, else it rests."""
-    n_folds: int = 5
-    """Folds of demonstrations at most."""
-    n_trees: int = 40
-    """Trees of a forest."""
-    max_rows: int = 5_000
-    """Rows to which a forest is fitted at most."""
+    seldom: float = 1 / 3
+    """Share of what it moves while a hand is closed that a thing moves while none is, less than."""
+    near: float = 0.05
+    """Share of its range within which two values of a column are one place."""
+    prior_acts: float = 1.0
+    """Acts, spread over the range, that a density begins with."""
+    least_acts: int = 3
+    """Acts of others from which a density tells something."""
+    again: float = 0.5
+    """Share of what an act moves that the next one moves again, from which it is done again."""
+    least_spread: float = 1.0
+    """Nats that a standard deviation of progress is at least."""
+    correction: float = 1.0
+    """Standard deviations that the score of an act loses that the next one does again."""
+    intervention: float = 3.0
+    """Those that it loses where a person takes over after it."""
     few: float = 1 / 3
     """Share of the demonstrations in which something is done, up to which it can be a mistake."""
     surprise: float = 3.0
-    """Robust standard deviations below the median progress from which an act is a candidate."""
+    """Robust standard deviations below the median from which an act is a candidate."""

@@ -1,7 +1,7 @@
 """Answers about segments: P(good) of every act, from simple columns of those that were marked.
 
-The regression is that of demonstrations (`rpil.inference.answered`): the ranking counts beforehand, all else once answers
-contrast.
+The regression is that of demonstrations (`rpil.inference.answered`): the ranking counts beforehand, all else once
+answers contrast.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from scipy.special import expit
 
 from rpil.inference.answered import answer
 from rpil.inference.answers import Answers
-from rpil.inference.channels import columns_of, components
-from rpil.inference.settings import AnswerSettings, ChannelSettings
+from rpil.inference.channels import normal_scores
+from rpil.inference.settings import AnswerSettings
 from rpil.numerics.types import Array, Float, Int
 from rpil.segments.table import Segments
 
@@ -23,37 +23,27 @@ Label = tuple[int, int, int, bool]
 """The number of a demonstration, its first row, the row after the last, and whether these are good."""
 
 
-def taught(
-    segments: Segments,
-    moved: Float[Array, "N C"],
-    left: Float[Array, " N"],
-    step_scores: Float[Array, " T"],
-    offsets: Int[Array, " _"],
-    labels: Sequence[Label],
-) -> Segments:
-    """The same with P(good) as score, where two marked segments contrast."""
+def taught(segments: Segments, facts: Float[Array, "N F"], labels: Sequence[Label]) -> Segments:
+    """The same with P(good) as score, learned from the facts of each segment, where two marked segments contrast."""
     known = Answers.of_labels(marked(segments, labels))
     if not known.contrast:
         return segments
-    first, last = (offsets[segments.demonstration] + row for row in (segments.start, segments.end))
-    total = np.append(0.0, np.cumsum(step_scores))
-    length, place = last - first, segments.start / np.diff(offsets)[segments.demonstration]
-    facts = [segments.score, -left, (total[last] - total[first]) / length, -np.log(length), place]
-    summaries = np.column_stack([moved, np.abs(moved), left, place])
-    columns = columns_of(
-        np.column_stack(facts), components(summaries, ChannelSettings()), segments.score, AnswerSettings()
-    )
+    middle = np.nanmedian(segments.score) if np.isfinite(segments.score).any() else 0.0
+    score = np.nan_to_num(segments.score - middle)
+    length = np.log(segments.end - segments.start)
+    others = normal_scores(np.nan_to_num(np.column_stack([facts, length])))
+    columns = np.column_stack([normal_scores(score[:, None]), others, np.clip(score, -2, 2)])
     found = answer(columns, known, AnswerSettings(), np.arange(len(columns)))
-    bad = (found.verdicts < 0) & (known.labels == 0)
+    is_new = (found.verdicts < 0) & (known.labels == 0)
     reasons = [
-        "is like what was marked bad" if is_bad and not reason else reason
-        for is_bad, reason in zip(bad.tolist(), segments.reason, strict=True)
+        reason or ("is like what was marked bad" if new else "")
+        for reason, new in zip(segments.reason, is_new.tolist(), strict=True)
     ]
     return replace(segments, score=expit(found.log_odds), reason=reasons)
 
 
 def marked(segments: Segments, labels: Sequence[Label]) -> Int[Array, " N"]:
-    """1 of a segment of which a label that says good holds half the rows, or that holds half of such a label; -1 of bad."""
+    """1 of the segments that share half of their rows, or of those of a label, with one that says good; -1 of bad."""
     found = np.zeros(len(segments.start), dtype=np.int64)
     for m, start, end, is_good in labels:
         shared = np.minimum(segments.end, end) - np.maximum(segments.start, start)
