@@ -238,7 +238,8 @@ def idle_runs(block: MovingBlock, is_command: bool) -> tuple[Array, ...]:
     until = ends - np.maximum.reduceat(np.where(acted, steps, -1), begins) - 1
     ever = acts[ends] > acts[begins]  # an action that never changes tells nothing
     # What is steady may go on: of speeds, the action is none.
-    none = is_command | (actions == 0).all(axis=1)
+    own = block.columns.number[block.columns.is_action] - block.block.observations.shape[1]  # no codes, as of a hand
+    none = is_command | (actions[:, own if len(own) else slice(None)] == 0).all(axis=1)
     exact, idle = [], []
     for n, same, at in ((head, since, begins), (tail, until, ends - 1)):
         exact.append(np.where(ever & (same >= settings.MIN_IDLE), np.minimum(n, same), 0))
