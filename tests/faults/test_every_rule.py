@@ -110,7 +110,7 @@ PLANTED = {
         {"observations": wrapped(X)},
         *(WHOLE, "observation 1", "observation 1 wraps: it leaps by 6.283", 4.0),
     ),
-    "pause": (inserted(70, 60), (71, 130), "", "nothing moves for 60 steps from step 71", 60 / 16),
+    "pause": (inserted(70, 60), (71, 130), "", "nothing moves for 60 steps from step 71", 60 / settings.LONG_IDLE),
     "never moves": (
         {"actions": np.where(SECOND < 0, A[:1], A)},
         *(WHOLE, "action 1", "action 1 does not move, and in the others it does", 2.7942906),

@@ -39,9 +39,9 @@ def each(values):
 def test_spikes_and_jumps_are_the_largest_of_each_demonstration():
     values = RNG.normal(size=(3, OFFSETS[-1])).round(1)
     values[:, -1] = values[:, -2]
-    spikes, _, step, largest, next_spikes = Spike.measure(block_of(values), None)
+    spikes, _, step, largest, next_spikes, _ = Spike.measure(block_of(values), None)
     every = SimpleNamespace(scale=np.array([0.5, 1.0, 2.0]))
-    jumps, before, after, _, of_all, _, _, next_jumps = Jump.measure(block_of(values, columns=every), None)
+    jumps, before, after, _, of_all, _, _, next_jumps, _ = Jump.measure(block_of(values, columns=every), None)
     np.testing.assert_array_equal(before, after - 1)
     for m, part in enumerate(each(values)):
         n = part.shape[1]

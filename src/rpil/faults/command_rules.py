@@ -70,7 +70,7 @@ class Exchanged(CommandRule):
 
 class CommandAgainstState(CommandRule):
     name, words, grade = "offset", "a command is at another level than the state that follows it", "broken"
-    causes = ("exchanged", "action is state", "never moves", "two units")
+    causes = ("exchanged", "action is state", "never moves", "two units", "unrelated")
 
     def compare(self) -> Compared:
         pairs, (slope, own, _, _, _, low, gap, high) = self.data.learned.tracked, self.measured[:8]

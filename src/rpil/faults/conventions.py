@@ -119,7 +119,12 @@ class TwoEpisodes(ComparingRule):
         self.early, near = step < self.data.lengths / 2, np.concatenate([[False], near, [False]])
         joined = np.where(self.early, near[:-1], near[1:]) & (jump > limit)
         self.first, self.last = step - 1, step
-        return jump, limit, np.where(joined, jump / limit, 0.0) * (joined.sum() >= settings.FEWEST_DEMONSTRATIONS)
+        return (
+            jump,
+            limit,
+            np.where(joined, jump / limit, 0.0)
+            * (joined.sum() >= max(settings.FEWEST_DEMONSTRATIONS, settings.MOST_ABSENT * (len(joined) - 1))),
+        )
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         which = f"its last {int(self.data.lengths[m]) - fault.last} rows are those of the next one"
@@ -166,8 +171,8 @@ class Conventions(ComparingRule):
     def parts(self) -> list[Bool[Array, " M"]]:
         """The smaller part of each way to part the set that a column tells, or an operator; what most tell is first."""
         profile, of = self.measured[1], np.array(self.data.of_each("operator"))
-        level = np.log(profile.std(axis=1, keepdims=True) + 1e-9)
-        told = [*two_groups(np.concatenate([profile, level], axis=1).reshape(n := len(of), -1))]
+        ends = np.stack([*self.data.measured[TwoEpisodes.measure][:2], np.log(profile.std(axis=1) + 1e-9)], axis=1)
+        told = [*two_groups(np.concatenate([profile, ends], axis=1).reshape(n := len(of), -1))]
         told += [of == name for name in sorted({*of.tolist()})]
         told = [rows if (rows.sum(), rows[0]) <= (n / 2, False) else ~rows for rows in told]
         counts = Counter(rows.tobytes() for rows in told if rows.sum() > 1)

@@ -226,7 +226,11 @@ def _turn(values: Float[Array, " T"], change: Float[Array, " T"], size: Float[Ar
             before = values[leaps - 1] - values[np.maximum(leaps - settings.APPROACH, 0)]
             before = np.where(np.abs(before) > turn / 2, change[leaps], before)  # it leapt just before
             comes = (before * change[leaps] < 0).mean() >= settings.MOST_APPROACH
-            if comes and not ((size > (1 - settings.NEAR_TURN) * turn) & (size < settings.NEAR_TURN * turn)).any():
+            others = np.delete(
+                size, leaps
+            )  # beside which nothing is left of a leap that is one of noise where it wraps
+            comes |= bool((np.abs(size[leaps] - turn) <= 2.0 * others.max(initial=0.0)).all())
+            if comes and others.max(initial=0.0) <= (1 - settings.NEAR_TURN) * turn:
                 return float(turn)
     return 0.0
 

@@ -26,7 +26,9 @@ class Leap(ComparingRule):
         least, usual = (np.maximum(settings.CHANGE_FACTOR * of, smallest) for of in large)
         limit = np.maximum(self.fence(size, settings.LEAP_FACTOR, settings.SMALLEST_SHARE * least), least)
         # Leaps that many have make their quartile large, and are far larger than the next of each.
-        apart = settings.NEXT_LEAP * (np.quantile(self.measured[-1], 0.75, axis=0) + usual)
+        second, beside = (np.quantile(of_each, 0.75, axis=0) for of_each in self.measured[-2:])
+        usual = np.minimum(usual, np.maximum(settings.CHANGE_FACTOR * beside, smallest))
+        apart = settings.NEXT_LEAP * (second + usual)
         limit = np.where((size > apart).mean(axis=0) >= settings.MOST_FEW, np.minimum(limit, apart), limit)
         is_known = (columns.moving >= settings.MOVING_SHARE) & (columns.memory >= settings.LEAST_MEMORY)
         return above(size, np.where(is_known, limit, np.inf) * self.pace)
@@ -53,7 +55,8 @@ class Spike(Leap):
         apart[:, 1:-1] -= np.maximum(size[:, :-2], after)
         apart = np.maximum(apart, 0.0)
         spike, step = largest(apart, block.offsets)
-        return spike, step, step, block.largest, next_largest(apart, step, block.offsets)
+        others = (next_largest(values, step, block.offsets) for values in (apart, size))
+        return spike, step, step, block.largest, *others
 
 
 class Jump(Leap):
@@ -83,7 +86,8 @@ class Jump(Leap):
         every, at = largest(together, offsets)
         second = next_largest(together, at, offsets)
         second[lengths < settings.LEAST_STEPS] = np.inf  # too few to have a next one
-        return top, step - 1, step, block.largest, every, at, second, next_largest(jump, step, offsets)
+        others = (next_largest(values, step, offsets) for values in (jump, size))
+        return top, step - 1, step, block.largest, every, at, second, *others
 
     def compare(self) -> Compared:
         of_columns, (every, at) = super().compare(), self.measured[4:6]
@@ -159,7 +163,7 @@ class Scale(ComparingRule):
 
     name, words = "scale", "a column and its changes are many times larger, or smaller, than usual"
     sentence = "{column} and its changes are {times} than usual: perhaps another unit, perhaps {motion}"
-    causes = ("length", "two units")
+    causes = ("length", "two units", "unrelated")
     takes_steps = True
 
     @staticmethod
@@ -189,7 +193,7 @@ class Scale(ComparingRule):
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
         """A demonstration that is cut off, or rests for long, has small values and changes in the mean."""
-        return fault.value < 1 or cause.rule == "two units"
+        return fault.value < 1 or cause.rule != "length"
 
 
 class Wraps(ComparingRule):

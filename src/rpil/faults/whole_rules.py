@@ -64,7 +64,7 @@ class OtherLag(ComparingRule):
     name, words = "lag", "the state follows the action sooner or later than usual, or moves before it"
     sentence = "the state follows the action {steps} {when} than usual"
     needs = ("lag", "several")
-    causes = ("frame rate", "action is state")
+    causes = ("frame rate", "action is state", "unrelated")
     unknown = "the lag between action and state is not the same in most demonstrations"
 
     @staticmethod
