@@ -17,7 +17,7 @@ from rpil.cli.entry import main
 atexit.register(lambda: print("modules:", *sys.modules))
 main()
 """
-ABSENT = {"sklearn", "scipy.stats", "pandas", "matplotlib", "jinja2", "jaxtyping"}
+ABSENT = {"sklearn", "scipy.optimize", "scipy.stats", "pandas", "matplotlib", "jinja2", "jaxtyping"}
 
 
 NO_MODEL = {"scipy", "threadpoolctl", "rpil.estimators"}

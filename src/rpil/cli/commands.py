@@ -171,9 +171,9 @@ class AuditRun:
         return lost_places(self.recording.demonstrations, self.choice.kept)
 
 
-def judge(file: str, given: RunOptions, progress: StageProgress) -> AuditRun:
+def judge(file: str, given: RunOptions, progress: StageProgress, traces: bool = True) -> AuditRun:
     """Judge the demonstrations in `file` within their tasks and sessions, beside those of the --reference, which is
-    read by the same columns; then the data are read into memory."""
+    read by the same columns; then the data are read into memory. Without `traces` no page can draw them."""
     columns, reference = given.columns, given.reference
     recording, beside = open_recording(file, columns, progress, None if reference is None else False), None
     if columns.only and reference is None and len(recording.demonstrations) == 1:
@@ -191,7 +191,7 @@ def judge(file: str, given: RunOptions, progress: StageProgress) -> AuditRun:
     stated, ctx = Statements.of(recording, given.labels, None, reference=beside), click.get_current_context()
     features = JUDGE_FEATURES if given.features == "auto" else given.features  # no policy is kept
     command = shlex.join(command_words(ctx, str(ctx.info_name), without=("quiet",)))
-    chosen = FitOptions(features, given.adversary, given.seed, ctx.obj or Settings(), progress)
+    chosen = FitOptions(features, given.adversary, given.seed, ctx.obj or Settings(), progress, traces=traces)
     audit = audit_recording(recording, stated, chosen, file, command, (given.labels, reference, *columns.files))
     return AuditRun(audit, file, recording, {name: str(who) for name, who in stated.demonstrators.items()})
 

@@ -75,7 +75,9 @@ class SampledFit(FullFit):
         if audit.taken_over is not None:
             audit = replace(audit, step_weight=weights_of(audit))
         decided = replace(decided, audit=audit)
-        decided = replace(decided, audit=replace(audit, traces=self._traces(posed, decided, sample)), linear=None)
+        if options.traces:
+            audit = replace(audit, traces=self._traces(posed, decided, sample))
+        decided = replace(decided, audit=audit, linear=None)
         if not self.keeps_policy:
             return decided
         data = sample.data

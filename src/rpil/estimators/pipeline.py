@@ -61,6 +61,7 @@ class FitOptions:
     policy: object = None
     C: float | None = None
     action_box: ActionBox | None = None
+    traces: bool = True  # for a page
 
     @property
     def judges(self) -> bool:
@@ -270,7 +271,8 @@ class FullFit:
             assert decided.linear is not None
             evidence = by_held_out_policies(judgement, decided.linear, posed.copies, settings)
             phrases = deviations(audit, evidence, self.task.classes)
-            audit = replace(audit, deviations=phrases, traces=traces(audit, evidence, worth_a_look(audit)))
+            drawn = worth_a_look(audit) if self.options.traces else np.empty(0, dtype=np.int64)
+            audit = replace(audit, deviations=phrases, traces=traces(audit, evidence, drawn))
         if not self.keeps_policy:
             return replace(decided, audit=audit, linear=None)
         if posed.copies is not None:  # the policy learns from copies as well

@@ -13,10 +13,10 @@ demonstrations. The two are compared by BIC. If there are two groups, the upper 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.special import betaincinv, expit, logit
 
 from rpil.inference.settings import GroupSettings
@@ -28,6 +28,8 @@ _PROBA_BOUND = 1e-9
 _TIE_LOG_ODDS = 1e-3
 """Log-odds that keep the order of the scores where P(expert) is at its bound."""
 
+MAX_STEPS, ENOUGH = 200, 1e-10
+"""Steps of `least_within` at most, and the gain, relative to the value, at which it ends."""
 _MIN_VARIANCE = 1e-6
 _MAX_LOG_SPREAD = 3.0
 """Bounds of variances and log spreads in `one_group`, in standard deviations of the scores."""
@@ -121,9 +123,33 @@ def one_group(score: Float[Array, " M"], variance: Float[Array, " M"]) -> float:
     bounds = np.array([[y.min(), y.max()], [low, high], [low, high]])
     # From all scores on one side of the mode. More starts found a better optimum, by .4 nats, in five of 400 vectors.
     starts = [np.clip([mode, 0.0, 0.0], *bounds.T) for mode in bounds[0]]
-    fits = (minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds) for start in starts)
     constant = np.log(2 / np.sqrt(2 * np.pi)) - np.log(deviation)
-    return float(len(y) * constant - min(fit.fun for fit in fits))
+    return float(len(y) * constant - min(least_within(loss, start, bounds) for start in starts))
+
+
+def least_within(loss: Callable[[Array], tuple[float, Array]], x: Array, bounds: Float[Array, "D 2"]) -> float:
+    """The least value of a `loss`, which has its gradient beside it, from `x` on within bounds: by BFGS, in which
+    parameters at a bound rest. To import `scipy.optimize` takes longer than all that is fitted with it."""
+    (value, slope), inverse = loss(x), np.eye(len(x))
+    for _ in range(MAX_STEPS):
+        free = ~(((x <= bounds[:, 0]) & (slope > 0)) | ((x >= bounds[:, 1]) & (slope < 0)))
+        step = -np.where(free, inverse @ np.where(free, slope, 0.0), 0.0)
+        if slope @ step >= 0:
+            inverse, step = np.eye(len(x)), -np.where(free, slope, 0.0)
+        step /= max(1.0, np.abs(step).max())
+        for length in 0.5 ** np.arange(30):
+            moved = np.clip(x + length * step, *bounds.T)
+            now, new_slope = loss(moved)
+            if now <= value + 1e-4 * slope @ (moved - x):
+                break
+        gain, change, turned = value - now, moved - x, new_slope - slope
+        if gain <= ENOUGH * max(abs(value), 1.0):
+            return min(value, now)
+        x, value, slope = moved, now, new_slope
+        if (curvature := float(change @ turned)) > 0:
+            shift = np.eye(len(x)) - np.outer(change, turned) / curvature
+            inverse = shift @ inverse @ shift.T + np.outer(change, change) / curvature
+    return value
 
 
 def two_groups(

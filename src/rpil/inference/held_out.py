@@ -84,10 +84,9 @@ class HeldOutSoftmax(_Linear):
     def _evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
         from rpil.numerics.newton import Preconditioner  # which ridge regression does without
 
-        features, hessian = self.data.features, None
-        if self._log_proba is not None:
-            penalty = penalty_of(features, weight, ridge)
-            hessian = Preconditioner(features, np.exp(self._log_proba), weight, penalty)
+        features, n = self.data.features, n_actions(self.data)
+        proba = np.full((len(weight), n), 1 / n) if self._log_proba is None else np.exp(self._log_proba)
+        hessian = Preconditioner(features, proba, weight, penalty_of(features, weight, ridge))
 
         def predict(k: int, test: Array) -> Array:
             others = np.where(test, 0.0, weight)

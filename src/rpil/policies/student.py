@@ -185,7 +185,8 @@ class StudentPolicy:
         robust = policy._robust_weight(last.distance, weight)
         step = policy._newton_step(features, last.errors, last.factors, robust)
         change = linear(features, step)
-        if (last.factors < 1.0).any():  # the length is chosen by the likelihood itself, so the weights are those of the new errors
+        if (last.factors < 1.0).any():
+            # The length is chosen by the likelihood itself, so the weights are those of the new errors.
             moved = policy._shortened(step, change, data.actions, last, weight)
             robust = policy._robust_weight(moved.distance, weight)
             outputs, errors, factors, weights = moved.outputs, moved.errors, moved.factors, moved.policy.weights
@@ -226,11 +227,12 @@ class StudentPolicy:
         return np.column_stack([_solve(gram + ridge, part / own_precision) for gram, part, own_precision in parts])
 
     def _newton_step(self, features: Array, errors: Array, factors: Array, weight: Array) -> Array:
-        """The Newton step for steps of these robust weights, by the Hessian without bounds; where errors are beyond one,
-        by conjugate gradients that begin with it."""
+        """The Newton step for steps of these robust weights, by the Hessian without bounds; where errors are beyond
+        one, by conjugate gradients that begin with it."""
         precision, penalty = self._precision, self.ridge[:, None]
         hessian = sum(_gram(features[block], weight[block]) for block in blocks(features)) + np.diag(self.ridge)
-        slope = gradient(features, weight[:, None] * (errors @ precision) * factors) - penalty * self.weights @ precision
+        slope = gradient(features, weight[:, None] * (errors @ precision) * factors)
+        slope -= penalty * self.weights @ precision
 
         def precondition(residual: Array) -> Array:
             return _solve(hessian, residual @ self.cholesky @ self.cholesky.T)

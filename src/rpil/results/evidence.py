@@ -148,9 +148,9 @@ def _traces(evidence: StepEvidence, place: int) -> Traces:
     data = evidence.data
     rows = slice(*data.offsets[place : place + 2].tolist())
     nats, curves = evidence.nats[rows].sum(axis=0), (evidence.value[rows], evidence.low[rows], evidence.high[rows])
-    means = [[bin_means(curve[:, j]).astype(np.float32) for curve in curves] for j in range(len(nats))]
     parts = tuple(
-        TracedPart(part_name(data, j), share, float(nats[j]), *means[j]) for j, share in evidence_by_part(nats)
+        TracedPart(part_name(data, j), share, float(nats[j]), *(bin_means(each[:, j]).astype("f4") for each in curves))
+        for j, share in evidence_by_part(nats)
     )
     if data.space.kind != "discrete":
         return Traces(parts)
