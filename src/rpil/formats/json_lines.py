@@ -141,7 +141,7 @@ def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) 
         with held_bytes(path) as source, output.open("wb") as file:
             file.writelines(line for number, line in enumerate(source, 1) if number in copied)
         return {*wanted.values()}
-    with output.open("w", encoding="utf-8") as file:
+    with output.open("w", encoding="utf-8", newline="\n") as file:
         file.writelines(f"{json.dumps(row, default=str)}\n" for row in table.filter(pa.array(is_kept)).to_pylist())
     return {*wanted.values()}
 
