@@ -29,7 +29,7 @@ class HeldOutSettings:
     ridges: tuple[float, ...] = (1e-1, 1e-2, 1e-3, 1e-4)
     """Ridges a step to choose from, the strongest first. benchmarks/ablations.py ("one ridge, 1e-4")."""
     tol: float = 1e-4
-    """Of fits to discrete actions, see `rpil.numerics.newton.NewtonSettings`. At 1e-3 the order of demonstrations was
+    """Tolerance of fits to discrete actions, see `rpil.numerics.newton.NewtonSettings`. At 1e-3 the order was
     another one in a third of 112 sets; here it is that of fits to 1e-6."""
     errors: ErrorSettings = ErrorSettings()
     """Distribution of the errors of continuous actions."""
@@ -110,7 +110,7 @@ class PartSettings:
     max_iter: int = 12
     """Times that demonstrations change sides, at most."""
     tol: float = 1e-3
-    """Of fits to discrete actions, in the place of `HeldOutSettings.tol`."""
+    """Tolerance of fits to discrete actions, in the place of `HeldOutSettings.tol`."""
     max_steps: int = 8_000
     """Steps from which the parts are found; of more, every second, third and so on."""
 
@@ -146,7 +146,7 @@ class AnswerSettings:
     precision: float = 1.0
     """Prior precision of the weight of a column."""
     offset_precision: float = 0.25
-    """Of the offset."""
+    """Precision of the offset."""
     error: float = 0.02
     """Rate of wrong answers."""
     prior_log_odds: float = 2.0
@@ -158,7 +158,7 @@ class AnswerSettings:
     max_group_log_odds: float = 3.0
     """Nats by which the log-odds of the upper group are bounded as a column."""
     group_scale: float = 2.0
-    """What the column of the group is at that bound."""
+    """Value of the column of the group at that bound."""
     min_explained: float = 0.4
     """Share of the log-loss of answers that the others must explain."""
     min_proba: float = 0.77
