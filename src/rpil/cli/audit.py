@@ -124,7 +124,7 @@ def audit(
 
 
 def closing_lines(ctx: click.Context, audit: Audit) -> list[str]:
-    """What to do next, with the command to run then; nothing if the user wants it quiet."""
+    """The next step, with the command to run then; nothing if the user wants it quiet."""
     if ctx.params["quiet"]:
         return []
     labels = ctx.params["labels"] or LABELS_FILE
@@ -169,7 +169,7 @@ def print_audit(
 
 
 def head_lines(description: Description) -> list[str]:
-    """What was read, in a few lines: the size, the action, and what else a user should know."""
+    """A few lines on the input: the size, the action, and what else a user should know."""
     width, action = line_width(), f"Action: {listed(description.actions, MAX_LISTED_NAMES, ', ')}."
     notes = (fit(note, width, 1)[0] for note in description.notes[:2])
     return [*fit(description.short()[0], width, 2), *fit(action, width, 1), *notes]
@@ -242,7 +242,7 @@ def _notes(audit: Audit, all_rows: bool, width: int) -> Iterator[str]:
 
 
 def next_steps(audit: Audit, labels_file: str, command: Sequence[str]) -> list[str]:
-    """What to do next: the question whose answer says most, or the demonstrations to label, and the command to run
+    """The next step: the question whose answer says most, or the demonstrations to label, and the command to run
     then, which is `command` with ``--labels``."""
     from rpil.results.answering import NEXT_STEPS
 

@@ -99,7 +99,7 @@ def check_paths(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> N
 def open_recording(
     file: str, columns: ColumnOptions, progress: StageProgress, on_disk: bool | None = None
 ) -> Recording:
-    """What a file holds; on disk where it does not fit in memory, unless `on_disk` is False."""
+    """Open a file; the data stay on disk where they do not fit in memory, unless `on_disk` is False."""
     from rpil import formats
 
     progress(f"reading {file}")
@@ -127,14 +127,14 @@ class AuditRun:
     """By the ids of their demonstrations."""
     faults: FaultReport | None = None
     asked: Asked | None = None
-    """What the user says of which demonstrations to keep."""
+    """The options that say which demonstrations to keep."""
     idle: str = "keep"
     pattern: str = "{id}"
-    """Which idle rows to keep, and the pattern of keys; see ``--ranges``."""
+    """How to treat idle rows, and the pattern of keys; see ``--ranges``."""
 
     @cached_property
     def choice(self) -> Choice:
-        """Those to keep, and why the others are not."""
+        """The kept demonstrations, and why the others are not kept."""
         from rpil.results.choice import Asked, choose
 
         return choose(self.audit.table(), self.asked or Asked())
@@ -165,7 +165,7 @@ class AuditRun:
 
     @cached_property
     def lost(self) -> tuple[str, ...]:
-        """What is lost without those that are not kept."""
+        """Sentences on what is lost with the rejected demonstrations."""
         from rpil.results.lost import lost_places
 
         return lost_places(self.recording.demonstrations, self.choice.kept)
@@ -199,7 +199,7 @@ def judge(file: str, given: RunOptions, progress: StageProgress, traces: bool = 
 def look_for_faults(
     recording: Recording, progress: StageProgress, skip_bad: bool = False, rules: Iterable[str] = ()
 ) -> FaultReport:
-    """What the rules of ``rpil check`` find in the steps, without those with missing values if `skip_bad`; in files and
+    """Findings of ``rpil check`` in the steps, without those with missing values if `skip_bad`; in files and
     videos as far as `rules` asks for it, which takes longer."""
     from rpil.faults.checking import check
     from rpil.faults.recorded import BY_LOOKING, FOLDER_RULES
@@ -254,7 +254,7 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: Stag
 
 
 def about(run: AuditRun) -> About:
-    """What the report shows beside the audit."""
+    """Context that the report shows beside the audit."""
     from rpil.data.demonstrations import Demonstrations
     from rpil.data.privacy import for_others
     from rpil.faults.set_table import set_table
@@ -278,8 +278,8 @@ def about(run: AuditRun) -> About:
 
 
 def lines_after_output(title: str, path: str, run: AuditRun) -> list[str]:
-    """What the file at `path`, an output, leaves out, and what to do with it where the tool that wrote the data takes
-    it."""
+    """Sentences on what the file at `path`, an output, leaves out, and how the tool that wrote the data takes it, where
+    it does."""
     from rpil.formats.registry import find
 
     if title == "annotate":
@@ -302,7 +302,7 @@ def lines_after_output(title: str, path: str, run: AuditRun) -> list[str]:
 def choice_asked(
     options: RunOptions, report: FaultReport | None, share: float | None = None, at_least: float | None = None
 ) -> Asked:
-    """What a user asks for; a line on stderr where a rule that was named could not be applied."""
+    """The choice that a user asks for; a line on stderr where a named rule could not be applied."""
     from rpil.results.choice import Asked
 
     unknown, faults = (report.not_checked, report.findings) if report else ({}, ())
@@ -313,7 +313,7 @@ def choice_asked(
 
 
 def look_lines(audit: Audit, choice: Choice, report: FaultReport | None = None) -> Iterator[str]:
-    """What to look at until answers contrast: the lowest of the ranking that are kept, the odd ones where they are
+    """Lines to look at until answers contrast: the lowest of the ranking that are kept, the odd ones where they are
     known, and the question."""
     if choice.asked.by_number or audit.anchor == "named adversary" or audit.answers.once(audit.copy_of).contrast:
         return

@@ -33,7 +33,7 @@ same verdicts and policies as good, and takes five times as long."""
 
 POLICY_NAMES = {"trust_all": "Trust all", "rpil": "R-PIL", "oracle": "Oracle", "expert": "Expert"}
 TITLES = "Compared with the truth", "A second set", "Returns of the policies"
-"""Of the sections of the report, one for each sentence."""
+"""Titles of the report's sections, one for each sentence."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""What ``rpil check`` and ``rpil audit`` find, for other tools: SARIF for code scanning, Markdown for pull requests."""
+"""Findings of ``rpil check`` and ``rpil audit`` for others: SARIF for code scanning, Markdown for pull requests."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MAX_TABLE_ROWS = 100
 """Findings in a table of Markdown: a comment on GitHub may have 65,536 characters."""
 
 SARIF_LEVELS = {"broken": "error", "suspect": "warning", "odd": "note"}
-"""Of SARIF, by the grade of a rule."""
+"""Levels of SARIF, by the grade of a rule."""
 
 RULES_PAGE = "https://github.com/rpil/rpil/blob/main/docs/teams.md"
 

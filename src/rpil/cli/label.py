@@ -79,7 +79,7 @@ def label(ctx: click.Context, /, file: str, **options: Value) -> None:
 
 
 def last_lines(session: Session, audit: Sequence[str]) -> Iterator[str]:
-    """What was answered in a run that ends, and the command to run then, which is `audit` with the answers."""
+    """The answers of a run that ends, and the command to run then, which is `audit` with the answers."""
     yield ""
     if not session.rows and session.before is None:
         yield "No answer was given, and nothing was written."
@@ -172,7 +172,7 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
 
 
 def _review(ctx: click.Context, run: commands.AuditRun, session: Session, quiet: bool) -> Review:
-    """What the page shows and changes."""
+    """State that the page shows and changes."""
     from rpil.cli.questions.material import EpisodeVideos
     from rpil.cli.questions.server import Review
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 LABELS_FILE = "labels.csv"
 
 Value = Any
-"""What an option holds: click has no types for it."""
+"""The value of an option: click has no types for it."""
 
 Option = Callable[[Callable[..., Value]], Callable[..., Value]]
 """Gives a command an option."""
@@ -28,7 +28,7 @@ Option = Callable[[Callable[..., Value]], Callable[..., Value]]
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What the command line says of the data and of how to judge or fit them; see ``rpil audit --help``."""
+    """Options of the command line about the data and about how to judge or fit them; see ``rpil audit --help``."""
 
     columns: ColumnOptions
     labels: str | None
@@ -38,7 +38,7 @@ class RunOptions:
     quiet: bool
     reference: str | None = None
     ignore: tuple[str, ...] = ()
-    """What is kept: rules that reject nobody."""
+    """Rules of `rpil keep` that reject nobody."""
     without_faults: tuple[str, ...] = ()
     """Rules of ``rpil check`` that reject."""
 
@@ -172,7 +172,7 @@ FIT_OPTIONS = (
     quiet_option,
 )
 LABEL_OPTIONS = (*FIT_OPTIONS, session_option)
-"""Those of an audit but --reference, which has no effect once answers are learned."""
+"""Options of an audit but --reference, which has no effect once answers are learned."""
 JUDGE_OPTIONS = (
     *LABEL_OPTIONS,
     click.option(
@@ -184,7 +184,7 @@ JUDGE_OPTIONS = (
 )
 
 CHOICE_RULES = ("labels", "outcome", "answers", "adversary")
-"""Those of `rpil.results.choice` that can be ignored; that module takes long to import, and a test compares them."""
+"""Rules of `rpil.results.choice` that can be ignored; that module takes long to import, and a test compares them."""
 _SAY_NAMES: Value = {"metavar": "RULES", "multiple": True, "callback": _rule_names}
 CHOICE_OPTIONS = (
     click.option("--ignore", **_SAY_NAMES, help=f"Reject nobody by {', '.join(CHOICE_RULES)}."),

@@ -25,7 +25,7 @@ from rpil.results.provenance import Provenance, changed_settings
 from rpil.results.record import Audit
 
 JUDGE_FEATURES = "folded"
-"""Those of the judge: no policy is kept, for which others would be chosen."""
+"""Features of the judge: no policy is kept, for which others would be chosen."""
 
 
 def audit(

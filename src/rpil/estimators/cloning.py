@@ -162,7 +162,7 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
         return self.features_, self.policy_.weights
 
     def _contrast(self, coefficients: Array) -> Array:
-        """Of two actions scikit-learn has the second less the first."""
+        """The difference of two actions' coefficients: scikit-learn has the second less the first."""
         return coefficients[1:] - coefficients[:1] if len(self.classes_) == 2 else coefficients
 
     @property

@@ -95,7 +95,7 @@ class SampledFit(FullFit):
         return replace(decided, features=features, policy=policy.with_temperature(choice.temperature))
 
     def _traces(self, posed: JudgeInput, decided: FitResult, sample: JudgedSample) -> dict[Hashable, Traces]:
-        """Those of the demonstrations most worth a look, as far as few steps are read for them."""
+        """Traces of the demonstrations most worth a look, as far as few steps are read for them."""
         task, audit, settings = self.task, decided.audit, self.options.settings.judge.held_out
         assert decided.judgement is not None
         drawn = worth_a_look(audit)

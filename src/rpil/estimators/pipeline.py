@@ -154,12 +154,12 @@ class FitResult:
 
     audit: Audit
     features: Features
-    """Of the final policy; those of the judge where no policy is kept."""
+    """Features of the final policy; those of the judge where no policy is kept."""
     policy: FinalPolicy | None = None
     sample: JudgedSample | None = None
     """By which all others were judged, where the decision read a sample."""
     state: State | None = None
-    """Of the mixture with a named adversary."""
+    """State of the mixture with a named adversary."""
     n_iter: int = 0
     lower_bound: float = 0.0
     """Objective of the mixture, or mean held-out log-likelihood of a step of the training group, in nats."""
@@ -265,7 +265,7 @@ class FullFit:
         return replace(data, labels=task.answers.labels[rows], demonstrators=task.demonstrators.select(numbers))
 
     def fit_policy(self, posed: JudgeInput, decided: FitResult) -> FitResult:
-        """What was decided, with what the actions say, and the final policy, if it is kept."""
+        """Add the final policy, if one is kept, to what was decided with what the actions say."""
         audit, judgement, settings = decided.audit, decided.judgement, self.options.settings.judge.held_out
         if judgement is not None:
             assert decided.linear is not None

@@ -1,4 +1,4 @@
-"""What only an expert changes about a fit of `RPIL` or `RMEnt`."""
+"""Settings of a fit of `RPIL` or `RMEnt` that only an expert changes."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ class Settings:
     """
     judge: JudgeSettings = JudgeSettings()
     mixture: MixtureSettings = MixtureSettings()
-    """Of a fit with a named adversary: the M-step, and when EM stops; the prior is that of the learner, too."""
+    """Settings of a named adversary: the M-step, and when EM stops; the prior is that of the learner, too."""
     audit: AuditSettings = AuditSettings()
     """When a demonstration gets a verdict and its steps full weight."""
     selection: SelectionSettings = SelectionSettings()
-    """Of feature maps, and of the choice of one where features are "auto"."""
+    """Settings of feature maps, and of the choice of one where features are "auto"."""
     cross_fit: CrossFitSettings = CrossFitSettings()
-    """Of the folds of an estimator that is given as `policy`."""
+    """Settings of the folds of an estimator that is given as `policy`."""
     sample: SampleSettings = SampleSettings()
     ascent: AscentSettings = AscentSettings()
-    """Of the fit of the final policy."""
+    """Settings of the fit of the final policy."""

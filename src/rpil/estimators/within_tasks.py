@@ -31,12 +31,12 @@ from rpil.results.summary import assumption_sentences
 from rpil.results.tasks import first_of, join_audits
 
 MIN_DEMONSTRATIONS = 8
-"""Of a task: with fewer the verdicts are weak, as a note says."""
+"""Demonstrations of a task at least: with fewer the verdicts are weak, as a note says."""
 
 
 @dataclass(frozen=True, eq=False)
 class Statements:
-    """What is stated of the demonstrations of a recording, by its user or by the columns that the user named."""
+    """Statements about the demonstrations of a recording, by its user or by the columns that the user named."""
 
     answers: Answers
     demonstrators: Mapping[str, Hashable]
@@ -48,7 +48,7 @@ class Statements:
     reference: Recording | None = None
     """Demonstrations that are known to be good, and are judged beside the others."""
     taken_over: tuple[Array, ...] = ()
-    """Of each demonstration, where a column says in which steps a person had taken over; see `Audit`."""
+    """For each demonstration the steps in which a person had taken over, where a column says so; see `Audit`."""
 
     @classmethod
     def of(
@@ -59,7 +59,7 @@ class Statements:
         outcome: Outcome | Names | None = None,
         reference: Recording | None = None,
     ) -> Statements:
-        """What a user says, and else what the columns or files say that were named when the recording was opened.
+        """Take what a user says, and else what the columns or files say that were named when the recording was opened.
 
         A path is a file of labels; a text is a file of demonstrators, or a column. Files may speak of what is left out.
         """
@@ -83,7 +83,7 @@ class Statements:
         return cls(answers, names, facts.order, facts.sessions, where, reference, taken_over)
 
     def select(self, rows: Sequence[int], ids: Iterable[Hashable]) -> Statements:
-        """What is stated of the demonstrations at `rows`, which are called `ids`, and of pairs of them."""
+        """Statements about the demonstrations at `rows`, which are called `ids`, and of pairs of them."""
         order = None if self.order is None else self.order[rows]
         names = {m: self.demonstrators[m] for m in map(str, ids) if m in self.demonstrators}
         taken_over = tuple(self.taken_over[m] for m in rows) if self.taken_over else ()
@@ -244,7 +244,7 @@ def with_reference(demonstrations: Demonstrations, reference: Demonstrations) ->
 
 
 def _kind_of_action(demonstrations: Demonstrations) -> str:
-    """What the actions are, in words that are alike where they can be judged together."""
+    """A name for the kind of the actions, alike where they can be judged together."""
     if demonstrations.is_discrete:
         return "discrete text" if demonstrations.actions.dtype.kind == "U" else "discrete numbers"
     names = demonstrations.action_names

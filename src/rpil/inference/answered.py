@@ -1,4 +1,4 @@
-"""What answers make of demonstrations: P(good), verdicts, which answer contradicts the others, and what to ask next.
+"""Learn from answers: P(good), verdicts, which answer contradicts the others, and what to ask next.
 
 P(good) is that of a logistic regression on the columns of `rpil.inference.channels`, and of witnesses
 (`rpil.inference.witnesses`). w_0 says that those that agree are good: it is `by_ranking` on the first column, the
@@ -27,10 +27,10 @@ GOLDEN = 0.618
 
 @dataclass(frozen=True, eq=False)
 class Answered:
-    """What answers say of M demonstrations."""
+    """Result of the answers about M demonstrations."""
 
     log_odds: Float[Array, " M"]
-    """Of good against bad, nats."""
+    """Log-odds of good against bad, nats."""
     verdicts: Int[Array, " M"]
     """1 good, 0 neither, -1 bad."""
     contradicting: Int[Array, " K"]
@@ -40,7 +40,7 @@ class Answered:
     follows: bool
     """Whether the answers predict each other."""
     witnesses: Witnesses
-    """Of the different demonstrations."""
+    """Witnesses of the different demonstrations."""
 
 
 def answer(

@@ -1,4 +1,4 @@
-"""What is known of demonstrations: labels, pairs that were compared, and outcomes, the columns of witnesses."""
+"""Knowledge of demonstrations: labels, pairs that were compared, and outcomes, the columns of witnesses."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ def no_pairs() -> Int[Array, "0 2"]:
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """What is known of M demonstrations."""
+    """Knowledge of M demonstrations."""
 
     labels: Int[Array, " M"]
     """1 good, -1 bad, 0 unknown."""
     pairs: Int[Array, "P 2"]
     """The better and the worse demonstration of each pair that was compared."""
     outcomes: Float[Array, "M W"]
-    """Of each witness, higher is thought to be better; NaN where it is unknown."""
+    """Value of each witness, higher is thought to be better; NaN where it is unknown."""
     tied: Int[Array, "T 2"] = field(default_factory=no_pairs)
     """The two demonstrations of each pair without a difference."""
     names: tuple[str, ...] = ()
-    """Of the witnesses; with a minus where less is better, so that the outcomes are negative."""
+    """Names of the witnesses; with a minus where less is better, so that the outcomes are negative."""
     flag: int | None = None
     """The number of the `only_flag` where these are some of the outcomes, or means of copies; else None."""
     heard: tuple[int, ...] | None = None
-    """Of each witness 1 where all else confirms it, -1 where all else turns it, 0 where it counts for nothing; None
+    """Sign of each witness: 1 where all else confirms it, -1 where all else turns it, 0 where it does not count; None
     before this is learned (`rpil.inference.witnesses`)."""
     marks: Int[Array, "S 4"] = field(default_factory=no_marks)
     """Rows that were called good or bad: the demonstration, the first row and the one after the last, and 1 or -1."""
@@ -119,7 +119,7 @@ class Answers:
 
     @property
     def failed(self) -> Bool[Array, " M"]:
-        """Those whose only flag is 0, unless all else turns it."""
+        """Demonstrations whose only flag is 0, unless all else turns it."""
         k = self.only_flag
         if k < 0 or (self.heard is not None and self.heard[k] < 0):
             return np.zeros(len(self.labels), dtype=bool)
@@ -137,7 +137,7 @@ class Answers:
         return np.where(self.failed & (self.labels == 0), -1, self.labels)
 
     def once(self, copy_of: Int[Array, " M"]) -> Answers:
-        """Those about the K different demonstrations: one label, the mean outcome, and pairs, each once."""
+        """Answers about the K different demonstrations: one label, the mean outcome, and pairs, each once."""
         first, place = np.unique(copy_of, return_inverse=True)
         labels = np.sign(np.bincount(place, self.labels, len(first))).astype(np.int64)
         outcomes = np.full((len(first), self.outcomes.shape[1]), np.nan)

@@ -36,7 +36,7 @@ BLOCK_ROWS, BLOCK_COLUMNS = 4_096, 4
 
 @dataclass(frozen=True, eq=False)
 class StateScale:
-    """What the channels of states are measured by."""
+    """Scale by which the channels of states are measured."""
 
     spread: Float[Array, " F"]
     """Standard deviation of the features, without the constant."""
@@ -135,7 +135,7 @@ def summaries(data: FitData, actions: Float[Array, "N A"]) -> Float[Array, "M S"
 
 
 def normal_scores(values: Float[Array, "M C"], out: Float[Array, "M C"] | None = None) -> Float[Array, "M C"]:
-    """Of each column, the normal quantiles of the ranks; ties have the same, and a constant column is 0."""
+    """For each column the normal quantiles of the ranks; ties have the same, and a constant column is 0."""
     out = np.empty(values.shape) if out is None else out
     ties = np.ones(len(values) + 1, dtype=bool)
     for column, scores in zip(values.T, out.T, strict=True):

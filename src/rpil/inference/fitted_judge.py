@@ -19,7 +19,7 @@ from rpil.numerics.regression import error_scale, normal_equations, solve_ridge,
 from rpil.numerics.types import Array, Float, Int
 
 StepRatios = tuple[Float[Array, " N"], Float[Array, " N"], Float[Array, " N"]]
-"""Of each step, nats: log pi, log pi - log q, and what scores are means of."""
+"""Terms of each step, nats: log pi, log pi - log q, and what scores are means of."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class StudentRatio:
     weights: Float[Array, "D A"]
     scaling: ActionScale
     scale: Float[Array, " A"]
-    """Of the errors."""
+    """Scale of the errors."""
     center: Float[Array, " A"]
     width: Float[Array, " A"]
     """Location and scale of q."""
@@ -101,13 +101,13 @@ def fit_ratio(data: FitData, weight: Float[Array, " N"], ridge: float, settings:
 
 @dataclass(frozen=True, eq=False)
 class FittedJudge:
-    """What is needed to judge demonstrations that were not fitted."""
+    """Fitted values that judge demonstrations that were not fitted."""
 
     ratio: Ratio
     """Gives the log-ratios of steps."""
     groups: Groups
     step_variance: float
-    """Of the log-ratio of a step within a demonstration."""
+    """Variance of the log-ratio of a step within a demonstration."""
     states: StateScale
     typical_own: float | None = None
     """See `rpil.inference.scores.Scoring`; None where actions are discrete."""

@@ -43,13 +43,13 @@ class Groups:
     """Two groups against one, nats; minus infinity where two groups were not fitted."""
     mean: Float[Array, " 2"]
     spread: Float[Array, " 2"]
-    """Of the lower and the upper group; spread is a variance."""
+    """Means and spreads of the lower and the upper group; spread is a variance."""
     share: float
-    """Of the upper group."""
+    """Share of the upper group."""
     noise: float
     """The share c of the variance of a score."""
     quantiles: Float[Array, " Q"]
-    """Of all scores, from the lowest to the highest."""
+    """Quantiles of all scores, from the lowest to the highest."""
 
     @property
     def p_two(self) -> float:

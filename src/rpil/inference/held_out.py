@@ -51,7 +51,7 @@ class HeldOutModel(Protocol):
 
 @dataclass(eq=False)
 class _Linear(HeldOutModel):
-    """What both kinds of linear policies share; `fold` (M,) is the fold of each demonstration."""
+    """Common part of both kinds of linear policies; `fold` (M,) is the fold of each demonstration."""
 
     data: FitData
     fold: Int[Array, " M"]

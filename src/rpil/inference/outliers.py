@@ -29,7 +29,7 @@ from rpil.numerics.types import Array, Bool, Float, Int
 
 @dataclass(frozen=True, eq=False)
 class Claims:
-    """What the scores of M demonstrations support without answers."""
+    """Finding that the scores of M demonstrations support without answers."""
 
     finding: Finding
     lower: Bool[Array, " M"]
@@ -74,7 +74,7 @@ def claim(scoring: Scoring, scores: Scores) -> Claims:
 
 
 def lower_part(scores: Scores, settings: OutlierSettings) -> Bool[Array, " M"]:
-    """Those far below the middle, or of a lower group that lies apart; nobody where these are too few, or all."""
+    """Mask of those far below the middle, or of a lower group apart; nobody where these are too few, or all."""
     away = scores.score - np.median(scores.score)
     deviation = 1.4826 * float(np.median(np.abs(away)))  # of a normal distribution
     far = (away < -settings.min_gap * deviation) & (scores.groups.log_bayes_factor > 0)

@@ -39,7 +39,7 @@ class Scores:
     fit: TrimmedFit
     """The policies of the training group."""
     typical_own: float | None = None
-    """Of the `Scoring`."""
+    """Value of the `Scoring`."""
 
     @property
     def log_odds(self) -> Float[Array, " M"]:

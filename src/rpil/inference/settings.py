@@ -29,7 +29,7 @@ class HeldOutSettings:
     ridges: tuple[float, ...] = (1e-1, 1e-2, 1e-3, 1e-4)
     """Ridges a step to choose from, the strongest first. benchmarks/ablations.py ("one ridge, 1e-4")."""
     tol: float = 1e-4
-    """Of fits to discrete actions, see `rpil.numerics.newton.NewtonSettings`. At 1e-3 the order of demonstrations was
+    """Tolerance of fits to discrete actions, see `rpil.numerics.newton.NewtonSettings`. At 1e-3 the order was
     another one in a third of 112 sets; here it is that of fits to 1e-6."""
     errors: ErrorSettings = ErrorSettings()
     """Distribution of the errors of continuous actions."""
@@ -110,7 +110,7 @@ class PartSettings:
     max_iter: int = 12
     """Times that demonstrations change sides, at most."""
     tol: float = 1e-3
-    """Of fits to discrete actions, in the place of `HeldOutSettings.tol`."""
+    """Tolerance of fits to discrete actions, in the place of `HeldOutSettings.tol`."""
     max_steps: int = 8_000
     """Steps from which the parts are found; of more, every second, third and so on."""
 
@@ -147,7 +147,7 @@ class AnswerSettings:
     precision: float = 1.0
     """Prior precision of the weight of a column."""
     offset_precision: float = 0.25
-    """Of the offset."""
+    """Precision of the offset."""
     error: float = 0.02
     """Rate of wrong answers."""
     prior_log_odds: float = 2.0
@@ -159,11 +159,11 @@ class AnswerSettings:
     max_group_log_odds: float = 3.0
     """Nats by which the log-odds of the upper group are bounded as a column."""
     group_scale: float = 2.0
-    """What the column of the group is at that bound."""
+    """Value of the column of the group at that bound."""
     sharpness: float = 4.0
     """Factor of the log-odds by columns where answers predict each other without a doubt."""
     min_trust: float = 0.05
-    """What stays of the log-odds, as a share, where answers do not predict each other: the order."""
+    """Share of the log-odds that stays where answers do not predict each other: the order."""
     min_proba: float = 0.85
     """P(good) from which a demonstration is good, and 1 - P from which it is bad."""
     min_proba_bound: float = 1e-6

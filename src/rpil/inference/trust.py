@@ -54,7 +54,7 @@ class Judgement:
 
     @property
     def training_group(self) -> Bool[Array, " S"]:
-        """Of those from which the policies learned: all, or a sample."""
+        """Training group among those from which the policies learned: all, or a sample."""
         return self.scores.fit.group
 
 

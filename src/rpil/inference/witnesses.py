@@ -115,7 +115,7 @@ def _laplace(rows: Array, evidence: Array, anchor: Array, precision: Array) -> t
 
 @dataclass(frozen=True, eq=False)
 class Witnesses:
-    """What W witnesses say of M demonstrations."""
+    """Statements of W witnesses on M demonstrations."""
 
     evidence: Float[Array, "M W"]
     """Log-likelihood ratios of good against bad, nats; 0 where a witness says nothing."""
@@ -210,7 +210,7 @@ def log_ratio(counts: Float[Array, "2 K"]) -> Float[Array, " K+1"]:
 
 
 def most_alike(levels: list[Int[Array, " M"]]) -> list[list[int]]:
-    """Of each witness, the one that is most correlated with it, and all others by more than `TOO_ALIKE`."""
+    """For each witness the one that is most correlated with it, and all others by more than `TOO_ALIKE`."""
     if len(levels) < 2:
         return [[]]
     alike = np.array([[abs(correlation(one, other)) for other in levels] for one in levels])
@@ -219,7 +219,7 @@ def most_alike(levels: list[Int[Array, " M"]]) -> list[list[int]]:
 
 
 def correlation(level: Int[Array, " M"], other: Int[Array, " M"]) -> float:
-    """Of two witnesses, where both are known; 0 where one is always the same there."""
+    """Correlation of two witnesses, where both are known; 0 where one is always the same there."""
     known = (level >= 0) & (other >= 0)
     if len({*level[known].tolist()}) < 2 or len({*other[known].tolist()}) < 2:
         return 0.0

@@ -46,7 +46,7 @@ class Posterior:
     log_ratio: Float[Array, " N"]
     """log pi - log psi of the action taken."""
     outputs: Float[Array, "N ..."]
-    """Of the policy (`rpil.policies.protocol.Policy`), so that the M-step need not compute them again."""
+    """Outputs of the policy (`rpil.policies.protocol.Policy`), so that the M-step need not compute them again."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ from rpil.policies.protocol import Policy
 
 @dataclass(frozen=True, eq=False)
 class SearchSettings:
-    """What stays the same in all runs of EM."""
+    """Settings that stay the same in all runs of EM."""
 
     policy: Policy
     """Before it has been fitted."""

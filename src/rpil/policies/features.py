@@ -23,7 +23,7 @@ FEATURE_KINDS = ("raw", "folded", "nystroem")
 """The kinds of feature maps."""
 
 FEATURES = ("auto", *FEATURE_KINDS)
-"""What the estimators accept; "auto" chooses among the kinds, see `rpil.policies.selection`."""
+"""Names that the estimators accept; "auto" chooses among the kinds, see `rpil.policies.selection`."""
 
 DESIGN_BLOCK_ROWS = 4096
 """Rows of a design matrix that are computed at a time, so that intermediate arrays stay in cache."""
@@ -75,7 +75,7 @@ class FeatureMap:
     ridge_per_step: float
     """The default ridge, a step."""
     kernel_width: float
-    """Of Nystroem's kernel, see `FeatureSettings`."""
+    """Width of Nystroem's kernel, see `FeatureSettings`."""
     bound: float | None
     """Spreads from the location at which observations are cut off; None where they are not."""
 

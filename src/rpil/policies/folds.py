@@ -53,7 +53,7 @@ def _balanced(sizes: Int[Array, " U"], n_folds: int, rng: np.random.Generator) -
 
 
 def _largest(values: Num[Array, "N ..."]) -> Float[Array, " N"]:
-    """Of each step, the largest of its columns, in ranges of the column above its mean; constant columns do not count.
+    """For each step the largest of its columns, in ranges of the column above its mean; constant columns do not count.
 
     A copy of a column, or another order, changes no largest one.
     """

@@ -1,4 +1,4 @@
-"""What the other rooms need of a policy pi(a|s)."""
+"""Protocol of a policy pi(a|s), as the other rooms need it."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Policy(ActionModel, Protocol):
         """
 
     def penalty(self) -> float:
-        """What regularisation subtracts from the log-likelihood."""
+        """Penalty that regularisation subtracts from the log-likelihood."""
 
     def with_temperature(self, temperature: float) -> Policy:
         """The policy with its logits multiplied by `temperature`; a policy without logits is unchanged."""

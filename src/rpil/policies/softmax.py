@@ -115,5 +115,5 @@ class SoftmaxPolicy:
         return SoftmaxPolicy(temperature * self.weights, self.ridge)
 
     def penalty(self) -> float:
-        """What the ridge subtracts from the log-likelihood."""
+        """Penalty that the ridge subtracts from the log-likelihood."""
         return float(0.5 * (self.ridge[:, None] * self.weights**2).sum())

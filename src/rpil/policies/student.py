@@ -121,7 +121,7 @@ class StudentPolicy:
         return self
 
     def penalty(self) -> float:
-        """What the ridge and the least spread subtract from the log-likelihood."""
+        """Penalty that the ridge and the least spread subtract from the log-likelihood."""
         root = np.vstack([np.sqrt(self.ridge)[:, None] * self.weights, np.diag(self.least)])
         return float(0.5 * self._distance(root).sum())
 

@@ -40,7 +40,7 @@ NEXT_STEPS = {
     "nothing could be learned": "Check that the observations contain what the actions depend on, or give more "
     "demonstrations.",
 }
-"""What to do next, by finding."""
+"""Next steps, by finding."""
 
 
 MIN_FIRST = 5
@@ -168,7 +168,7 @@ def verdicts_of(verdicts: Int[Array, " M"], anchor: str, stays: Int[Array, " M"]
 
 
 def doubts_of_answers(found: Answered, known: Answers, contrast: bool) -> tuple[str, ...]:
-    """What speaks against verdicts by these answers."""
+    """Sentences that speak against verdicts by these answers."""
     if found.count == 1:
         return ("One answer alone does not make other demonstrations good or bad; give a second one.",)
     nothing_followed = (NOTHING_FOLLOWED,) * (found.count >= MIN_OF_NOTHING and contrast and not found.follows)

@@ -53,7 +53,7 @@ RULES_OF_VERDICTS = {"bad": "answers", "adversary": "adversary"}
 
 @dataclass(frozen=True)
 class Asked:
-    """What a user asks for beside the verdicts of an audit."""
+    """Wishes of a user beside the verdicts of an audit."""
 
     share: float | None = None
     """Keep this share of the demonstrations, in (0, 1]; those with the largest log-odds."""

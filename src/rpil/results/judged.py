@@ -61,12 +61,12 @@ class TracedPart:
 
     name: str
     share: float
-    """Of the evidence of all parts that point where their sum points, for or against the demonstration: 0 to 1."""
+    """Share of the evidence of all parts that point where their sum points, for or against it: 0 to 1."""
     nats: float
-    """That the part adds to the sum of the log-ratios, more than in the median one of the rest of this length;
+    """Amount that the part adds to the sum of the log-ratios, more than in the median one of the rest of this length;
     below 0 it speaks against the demonstration."""
     value: Float[Array, " P"]
-    """What the demonstration did: the number of the action, in the units of the data; or the probability of the
+    """Action of the demonstration: its number, in the units of the data; or the probability of the
     discrete action taken, by the policy of the rest."""
     low: Float[Array, " P"]
     high: Float[Array, " P"]
@@ -81,7 +81,7 @@ class Traces:
     parts: tuple[TracedPart, ...]
     """One alone where actions are discrete."""
     taken: tuple[str, ...] = ()
-    """Of discrete actions: the one taken at each point, or the least likely one of its steps."""
+    """Names of discrete actions: the one taken at each point, or the least likely one of its steps."""
 
 
 def bin_starts(n_steps: int) -> Int[Array, " P"]:

@@ -1,4 +1,4 @@
-"""What leaving demonstrations out would lose: the places that none of the kept ones visits.
+"""Places that leaving demonstrations out would lose: those that none of the kept ones visits.
 
 Where a demonstration is left out, the policy never sees its states. That is no loss where kept demonstrations visit the
 same places, and one where it alone starts behind the object. Both its start and its states are compared with those of
@@ -38,7 +38,7 @@ MIN_KEPT = 3
 """Demonstrations whose distances from one another say what is usual, at least."""
 
 DIGITS = 3
-"""Of a bound, unless more are needed to tell it from the demonstration that is beyond it."""
+"""Digits of a bound, unless more are needed to tell it from the demonstration that is beyond it."""
 
 
 def lost_places(demonstrations: Demonstrations | Dataset, kept: Collection[object]) -> tuple[str, ...]:
@@ -77,7 +77,7 @@ def lost_places(demonstrations: Demonstrations | Dataset, kept: Collection[objec
 
 
 def _sentence(verb: str, where: str, who: Sequence[object]) -> str:
-    """What no kept demonstration does, and who does; without a `where`, near what it does not come."""
+    """Sentence on what no kept demonstration does, and who does; without a `where`, near what it does not come."""
     if where:
         return f"No kept demonstration {verb} {where}; {listed(who)} {'do' if len(who) > 1 else 'does'}."
     near = {"starts with": "starts near the start", "reaches": "comes near half of the states"}[verb]

@@ -26,7 +26,7 @@ ACTING = {"outliers": "differently from the rest", "mixture": "like the adversar
 
 
 def look_first(audit: AuditResult, faulty: Collection[Hashable] = ()) -> list[int]:
-    """Those without a label to look at first: the `faulty` ones, then the first in the order of looking."""
+    """Demonstrations without a label to look at first: the `faulty` ones, then the first in the order of looking."""
     at, order = {name: m for m, name in enumerate(audit.ids)}, looking_order(audit)[0]
     known = {*np.flatnonzero(audit.answers.shared(audit.copy_of).said).tolist()}
     first = dict.fromkeys(m for m in (*(at[name] for name in faulty if name in at), *order) if m not in known)
@@ -72,7 +72,7 @@ def headline(audit: AuditResult, most: int = MAX_IDS) -> str:
 
 
 def overview_text(audit: AuditResult) -> str:
-    """What ``repr`` of an audit is."""
+    """Text of ``repr`` of an audit."""
     size = f"{counted(len(audit.ids), 'demonstration')}, {int(audit.offsets[-1]):,} steps"
     lines = [f"Audit: {first_sentence(audit)}", headline(audit), f"{size}: {in_numbers(audit.verdict_counts())}."]
     if audit.doubts:
@@ -90,7 +90,7 @@ def overview_text(audit: AuditResult) -> str:
 
 
 def overview_html(audit: AuditResult) -> str:
-    """What a notebook shows of an audit: the text, and a table of the lowest with their reasons."""
+    """HTML that a notebook shows of an audit: the text, and a table of the lowest with their reasons."""
     lowest = audit.ranking()[::-1][:N_LOWEST_ROWS].tolist()
     rows = ([short_id(audit.ids[m]), audit.verdicts[m], audit.place(m), audit.reasons[m]] for m in lowest)
     cells = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows)

@@ -144,7 +144,7 @@ def _by_finding(audit: Judged, group: str, above: float) -> str:
 
 
 def _by_evidence(audit: Judged, m: int, rank: int) -> str:
-    """What decided about demonstration `m`, which scores higher than `rank` others, or why it has no verdict."""
+    """Reason that decided about demonstration `m`, which scores higher than `rank` others, or why it has no verdict."""
     vocabulary, log_odds, side = audit.vocabulary, float(audit.log_odds[m]), SIDES[audit.verdicts[m]]
     if side == "open" and audit.anchor == "none":
         return f"{FIFTHS[5 * rank // len(audit.ids)]} of the ranking"
@@ -197,7 +197,7 @@ SAID_OF_B = {
     "smoothness": ("is smoother", "is less smooth"),
     "path": ("has a longer path", "has a shorter path"),
 }
-"""What is said of group B where the fact is larger, and where it is smaller, than in group A."""
+"""Words for group B where the fact is larger, and where it is smaller, than in group A."""
 
 Fact = float | int | str
 

@@ -1,4 +1,4 @@
-"""What an audit holds: the ranking of the demonstrations, their verdicts, the weights of their steps, what was assumed.
+"""Content of an audit: the ranking of the demonstrations, their verdicts, the weights of their steps, what was assumed.
 
 Pictures and tables read it from here; `rpil.results.record.Audit` is what users get.
 """
@@ -57,7 +57,7 @@ class AuditResult(Judged):
 
     @property
     def said(self) -> tuple[str, ...]:
-        """What was said of each demonstration beside a label: how it failed, or than which other one it is worse."""
+        """Answers about each demonstration beside a label: how it failed, or than which other one it is worse."""
         first, failed = self.copy_of.tolist(), [rule == "outcome" for rule in self.rejected_by]
         worse = {first[m]: f"{WORSE}{self.ids[better]}" for better, m in self.answers.pairs.tolist()}
         how = [self.answers.failure if is_failed else "" for is_failed in failed] or [""] * len(first)
@@ -159,7 +159,7 @@ class AuditResult(Judged):
 
     @property
     def run_id(self) -> str:
-        """What the report, the JSON and the weights of one run have in common; see `rpil.data.run.run_id`."""
+        """Id that the report, the JSON and the weights of one run have in common; see `rpil.data.run.run_id`."""
         return run_id(self.ids, self.offsets, self.log_odds)
 
     def table(

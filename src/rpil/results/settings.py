@@ -19,7 +19,7 @@ class AuditSettings:
     min_label_log_odds: float = 20.0
     """Nats. A label raises the log-odds to at least this: as good as certain. Chosen by hand, not tuned."""
     judge: JudgeSettings = JudgeSettings()
-    """Of answers, of verdicts without answers, of steps and of demonstrators; a fit puts its own here."""
+    """Settings of answers, of verdicts without answers, of steps and of demonstrators; a fit puts its own here."""
     weighs_for_learner: bool = True
     """Whether weights of steps are those of `RPIL`, or those for other trainings; a fit puts its own here."""
 

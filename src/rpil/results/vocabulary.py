@@ -12,7 +12,7 @@ from typing import Literal
 from rpil.data.text import printable
 
 Anchor = Literal["none", "answers", "named adversary"]
-"""What says who is good: nothing; labels, answers or outcomes; or the adversary of the paper's mixture."""
+"""Source of who is good: nothing; labels, answers or outcomes; or the adversary of the paper's mixture."""
 
 Verdict = Literal["good", "expert", "open", "outlier", "bad", "adversary"]
 Side = Literal["upper", "open", "lower"]
@@ -28,7 +28,7 @@ class Vocabulary:
     probability: str
     """The name of the probability in tables."""
     explanation: str
-    """What the probability means, one sentence."""
+    """Meaning of the probability, one sentence."""
 
     def verdict(self, proba: float, min_proba: float) -> Verdict:
         """The verdict on a demonstration with this probability; either side needs `min_proba`."""

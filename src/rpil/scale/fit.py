@@ -51,7 +51,7 @@ class DesignMap:
 
 
 class BlockScores(NamedTuple):
-    """What one pass computes for the M demonstrations of a block."""
+    """Result of one pass for the M demonstrations of a block."""
 
     score: Array
     """Mean log-ratio of the steps, in nats."""
@@ -64,7 +64,7 @@ class BlockScores(NamedTuple):
     summaries: Array
     """In single precision: a hundred numbers or more for each demonstration."""
     log_ratio: Array
-    """Of each step, in nats."""
+    """Log-ratio of each step, in nats."""
 
 
 def score_block(

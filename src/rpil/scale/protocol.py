@@ -1,4 +1,4 @@
-"""What a fit by passes asks of an engine."""
+"""Protocol of an engine, as a fit by passes asks for it."""
 
 from __future__ import annotations
 

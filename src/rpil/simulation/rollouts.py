@@ -51,9 +51,9 @@ class RecordedEpisode:
     """One recorded episode of n steps."""
 
     observations: Array
-    """What the policy saw before each action, (n, D); the observation after the last action is not kept."""
+    """Observations of the policy before each action, (n, D); the observation after the last action is not kept."""
     actions: Array
-    """What was done, (n,) int64 or (n, A) floats, which are clipped to the box of the environment."""
+    """Actions that were taken, (n,) int64 or (n, A) floats, which are clipped to the box of the environment."""
     rewards: NDArray[np.float64]
 
 

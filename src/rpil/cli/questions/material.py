@@ -1,4 +1,4 @@
-"""What was recorded of demonstrations: curves of actions and observations, and videos, looked up by number, so that no
+"""Recorded material of demonstrations: curves of actions and observations, and videos, looked up by number, so that no
 name that a browser sends becomes a path."""
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Recorded:
 
     @cached_property
     def columns(self) -> list[View]:
-        """Of each column the name, whether it is of the action, the spread of its values, and its classes, if any."""
+        """Each column's name, whether it is of the action, the spread of its values, and its classes, if any."""
         data = self.data
         actions = data.action_names or [f"action {k}" for k in range(data.n_actions)] or ["action"]
         names = [*actions, *data.observation_names][:MAX_CURVES]
@@ -107,7 +107,7 @@ class EpisodeVideos:
 
     @classmethod
     def of(cls, source: str, ids: Sequence[Hashable], fps: float | None) -> EpisodeVideos:
-        """Those of the data at `source`; none where their format has none, or where they are not there."""
+        """Videos of the data at `source`; none where their format has none, or where they are not there."""
         top, shots = Path(source), dict[int, list[Shot]]()
         known = find_format(source) if top.exists() else None
         if known is None or known.shots is None or not fps:
@@ -143,7 +143,7 @@ class EpisodeVideos:
         return shot.path
 
     def frame(self, m: int, camera: int, step: int) -> bytes:
-        """What a camera saw at a step, as a small JPEG file; a `DataError` where there is no such frame."""
+        """A camera's picture at a step, as a small JPEG file; a `DataError` where there is no such frame."""
         shot = self._shot(m, camera)
         if not 0 <= step < shot.n_rows:
             raise DataError(f"Demonstration {shot.episode} has no step {step}.")

@@ -20,7 +20,7 @@ RESPONSE_HEADERS = {
     "referrer-policy": "no-referrer",
     "x-content-type-options": "nosniff",
 }
-"""Of every answer; the page itself says which scripts it has."""
+"""Headers of every answer; the page itself says which scripts it has."""
 
 Message = MutableMapping[str, object]
 Receive = Callable[[], Awaitable[Message]]
@@ -42,7 +42,7 @@ class Gate:
 
     @property
     def url(self) -> str:
-        """What opens the page."""
+        """Address with the token, which opens the page."""
         return f"http://127.0.0.1:{self.port}/?token={self.token}"
 
     @property

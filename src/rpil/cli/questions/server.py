@@ -35,7 +35,7 @@ WHY_ONE = "We ask about this one because the answer helps most."
 
 
 SCRIPTS = "player", "curves", "stage", "notes", "sweep", "finish", "review"
-"""Of the page, in the order in which they stand in it."""
+"""Scripts of the page, in the order in which they stand in it."""
 
 JPEG = "image/jpeg"
 
@@ -48,7 +48,7 @@ PageChange = Callable[[Mapping[str, Parsed]], View]
 
 @dataclass(eq=False)
 class Review:
-    """What the server shows and changes.
+    """State that the server shows and changes.
 
     `finish` says which demonstrations are kept, or writes files for what follows; see `rpil.cli.label`.
     """
@@ -62,7 +62,7 @@ class Review:
 
     @cached_property
     def recorded(self) -> Recorded:
-        """What the page draws of the data."""
+        """The data that the page draws."""
         return Recorded(self.data)
 
     def page(self) -> str:
@@ -80,7 +80,7 @@ class Review:
             return render_page(session.audit, self.about, live=(view, Markup(question), Markup("\n".join(scripts))))
 
     def state(self) -> View:
-        """What is asked, and what the last answer changed; all that a page needs to answer."""
+        """The question, and what the last answer changed; all that a page needs to answer."""
         session, audit, question = self.session, self.session.audit, self.session.question
         asked: View = {"demonstrations": [audit.index(name) for name in question]}
         if question:
@@ -98,7 +98,7 @@ class Review:
         }
 
     def _lines(self) -> Iterator[str]:
-        """What the audit thought of one or two that were answered, and what the answer changed."""
+        """The audit's opinion of one or two that were answered, and what the answer changed."""
         session = self.session
         if 0 < len(told := tuple(name for name in session.answered if name not in session.question)) < 3:
             yield opinion_line(session.old, told)
@@ -180,7 +180,7 @@ def application(review: Review, gate: Gate) -> Application:
 
 
 def _changed(review: Review, change: PageChange, body: bytes) -> tuple[View, int]:
-    """What a page gets after it asked for a change, and the status: 409 where it had not seen the last change."""
+    """The answer to a page that asked for a change, and the status: 409 where it had not seen the last change."""
     try:
         given = json.loads(body)
     except (ValueError, RecursionError):

@@ -37,7 +37,7 @@ Reply = tuple[Question, str, str, *tuple[int, ...]]
 
 
 def choices(question: Question) -> dict[str, str]:
-    """What each key answers to a question, in words."""
+    """Meanings of the keys that answer a question, in words."""
     words = {"g": "Good", "b": "Bad"}
     if len(question) == 2:
         first, second = map(printable, question)
@@ -52,7 +52,7 @@ def count_asked(given: Sequence[Reply]) -> int:
 
 
 def next_question(start: Audit, audit: Audit, given: Sequence[Reply], most: int | None) -> Question:
-    """What to ask after the keys `given` in this run, which began with `start` and made `audit` of it.
+    """The next question after the keys `given` in this run, which began with `start` and made `audit` of it.
 
     It asks `most` questions at most, and no more about what was skipped, or what nobody can tell.
     """
@@ -167,7 +167,7 @@ def fact_lines(audit: Audit, question: Question) -> Iterator[str]:
 
 
 def change_lines(old: Audit, new: Audit) -> Iterator[str]:
-    """What an answer changed: the number of each verdict, and which demonstrations have another."""
+    """Changes by an answer: the number of each verdict, and which demonstrations have another."""
     yield count_line(new)
     moved: dict[str, list[Hashable]] = {}
     for name, before, word in zip(new.ids, old.verdicts, new.verdicts, strict=True):
@@ -184,13 +184,13 @@ def count_line(audit: Audit) -> str:
 
 
 def opinion_line(old: Audit, answered: Question) -> str:
-    """What the audit thought of demonstrations before they were answered, which it did not say then."""
+    """The audit's opinion of demonstrations before they were answered, which it did not say then."""
     said = (f"{printable(old.ids[m])} {old.verdicts[m]}, place {old.ranks[m]:,}" for m in map(old.index, answered))
     return f"Before your answer the audit had: {'; '.join(said)} of {len(old.ids):,}."
 
 
 def warning_lines(old: Audit, new: Audit) -> Iterator[str]:
-    """What speaks against the answers after the last one."""
+    """Contradictions of the answers after the last one."""
     yield from (doubt for doubt in new.doubts if new.anchor == "answers")
     yield from contradiction_lines(old.contradicting, new)
 

@@ -1,4 +1,4 @@
-"""What EM asks of an adversary: the probability of the action taken, the posterior of the action that was intended, and
+"""Protocol of an adversary: the probability of the action taken, the posterior of the action that was intended, and
 its own parameters given its steps."""
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ MAX_FOUND, MAX_FIRST = 20_000, 8
 """Recording faults of a view, the worst, and the demonstrations with one that are shown first."""
 
 DECIMALS_SHOWN = 9
-"""Of probabilities and shares."""
+"""Digits of probabilities and shares."""
 
 LEVELS = 254
 """Between the lowest and the highest value of a curve; a byte has one more, which stands for no value."""
@@ -51,7 +51,7 @@ def no_faults() -> FaultReport:
 
 @dataclass(frozen=True, eq=False)
 class About:
-    """What the page of an audit shows beside the audit."""
+    """Context that the page of an audit shows beside the audit."""
 
     title: str
     source: str
@@ -251,7 +251,7 @@ def significant(value: float) -> float:
 
 Sections = Sequence[tuple[str, str | Markup]]
 Live = tuple[View, Markup, Markup]
-"""Of a page that asks its server: the view, what stands below the heading, and the script."""
+"""The HTML of a page that asks its server: the view, what stands below the heading, and the script."""
 
 _UNSAFE_IN_SCRIPT = {ord(character): f"\\u{ord(character):04x}" for character in "<>&"}
 
