@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from recordings import changed, demonstrations, recording, with_missing
+from rpil.faults import settings
 from rpil.faults.checking import check
 from rpil.faults.recorded import FOLDER_RULES
 from rpil.faults.report import RULES
