@@ -60,21 +60,20 @@ def answer(
     once = replace(once, heard=witnesses.heard)
     by_witnesses = witnesses.evidence.sum(axis=1)
     total[: len(first)] += by_witnesses
-    # Where answers do not contrast, what witnesses say is predicted as well.
-    known = np.where((evidence != 0) | is_contrast(evidence, n_pairs), evidence, total)
-    answered, right = predicted(rows, known, total, n_pairs, len(once.tied), settings)
+    answered, right = predicted(rows, evidence, total, n_pairs, len(once.tied), settings)
     told = slice(len(answered) - 2 * len(once.tied))  # no difference is as right both ways
-    trust = max(agreement(known[answered][told], right[told], len(once.pairs)), settings.min_trust)
+    trust = max(agreement(evidence[answered][told], right[told], len(once.pairs)), settings.min_trust)
+    both = is_contrast(evidence, n_pairs)
     by_columns = regression(rows, total, n_pairs, settings)(rows[: len(first)])
-    log_odds = settings.sharpness * trust * by_columns + by_witnesses
+    log_odds = (settings.sharpness * trust if both else 1.0) * by_columns + by_witnesses
     log_odds = np.clip(log_odds, *logit([settings.min_proba_bound, 1 - settings.min_proba_bound]))
-    follows = once.contrast and trust > settings.min_trust
+    follows = once.contrast and (trust > settings.min_trust if both else any(witnesses.heard))
     limit = logit(settings.min_proba) if follows else np.inf
     verdicts = (log_odds >= limit).astype(int) - (log_odds <= -limit)
     said = replace(answers, heard=witnesses.heard).shared(copy_of).said
     log_odds = np.where(said == 0, log_odds[place], said * logit(1 - settings.min_proba_bound))
     verdicts = np.where(said == 0, verdicts[place], said)
-    doubtful = contradicting(once, right[np.isin(answered, np.flatnonzero(once.labels))], settings)
+    doubtful = contradicting(once, right[: np.count_nonzero(once.labels)], settings)
     named = np.flatnonzero(np.isin(place, doubtful) & (answers.labels != 0))
     return Answered(log_odds, verdicts, named, once.count, bool(follows), witnesses)
 
