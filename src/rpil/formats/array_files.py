@@ -22,7 +22,7 @@ from rpil.data.json_files import object_in, read_json
 from rpil.data.names import TASK, is_observation, may_be_outcome, natural_key, plain_name
 from rpil.data.npy import Npz, opened_npz, write_npz
 from rpil.formats.array_layout import ROLES, Arrays
-from rpil.formats.columns import ColumnOptions, as_list
+from rpil.formats.columns import ColumnOptions
 from rpil.formats.containers import ZIP, is_zarr, keep_groups, opened_hdf5, opened_zarr
 from rpil.formats.format import Format, StepTables, kept_of
 from rpil.formats.metadata import Metadata
@@ -33,7 +33,7 @@ from rpil.numerics.types import Array
 
 _NPZ, _HDF5 = (".npz",), (".hdf5", ".h5")
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
-_FILE_NAME, _GROUP_NAME, _STEPS_OF_TIME = "name of the file", "name of the group", 10
+_FILE_NAME, _GROUP_NAME = "name of the file", "name of the group"
 _STATES = "There are no observations: the simulator's states are used; dataset_states_to_obs.py writes some."
 _OF_NUMBERS = ROLES["names"]
 
@@ -141,15 +141,9 @@ def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
 
 def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> StepTables:
     """The recording in groups of arrays, as robomimic and Isaac Lab write it: the arrays that the first one has."""
-    first, notes, options, ignored = next(iter(groups.values())).arrays, these.notes, these.options, {}
+    first, notes, options = next(iter(groups.values())).arrays, these.notes, these.options
     if "states" in first and not options.observations and not any(map(is_observation, first)):
         notes = (*notes, _STATES)
-        state = first["states"]
-        is_long = len(state.shape) == 2 and state.shape[1] > 1 and state.shape[0] >= _STEPS_OF_TIME
-        steps = np.diff(np.asarray(state[:_STEPS_OF_TIME])[:, 0]) if is_long and state.dtype.kind == "f" else [0]
-        if steps[0] > 0 and np.allclose(steps, steps[0], rtol=1e-3, atol=0):  # it rises by the same at every step
-            options = replace(options, exclude=(*as_list(options.exclude), "states.0"))
-            ignored = {"states.0": "simulation time"}
     names = dict.fromkeys(path.split("/")[1] for path in these.arrays if within and path.startswith(within))
     if without := commas([name for name in names if name not in groups]):
         notes = (*notes, f"Left out, because they are links, or hold no actions: {without}.")
@@ -165,7 +159,7 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> Step
     fps = float(rate) if isinstance(rate, int | float) and math.isfinite(rate) and rate > 0 else None
     name = f"{these.kind} of robomimic's layout" if within else f"{these.kind}, a group for each demonstration"
     metadata = Metadata(fps=fps, lengths=lengths)
-    return replace(from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes), ignored=ignored)
+    return from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes)
 
 
 def _said(attributes: Mapping[str, object], what: str) -> object:
