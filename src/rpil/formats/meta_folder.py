@@ -16,7 +16,6 @@ import pyarrow as pa
 from rpil.data.arrays import Id
 from rpil.data.folders import check_inside, is_hidden
 from rpil.data.guard import guarded
-from rpil.data.held import held_bytes
 from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, Parsed, parse, parse_lines
 from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_file import read_table
@@ -42,7 +41,7 @@ class MetaFolder:
 
     def _text(self, place: Path, limit: int) -> bytes:
         """As much of a file as its kind has at most, and a byte more."""
-        with held_bytes(place) as stream:
+        with place.open("rb") as stream:
             return stream.read(limit + 1)
 
     @cached_property
