@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
-import os
 import re
 import shutil
-import struct
-import sys
-from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -277,38 +270,3 @@ def test_chosen_demonstrations_are_as_in_the_whole(path, on_disk):
         np.testing.assert_array_equal(np.argsort(chosen.facts.order), np.argsort(whole.facts.order[[0, 2]]))
     blocks = [block for shard in chosen.demonstrations.shards(2, 4) for block in shard]
     np.testing.assert_array_equal(np.concatenate([block.observations for block in blocks]), expected.observations)
-
-
-IN_OPEN, IN_CLOSE = 0x20, 0x18
-
-
-@contextmanager
-def counted(path: Path) -> Iterator[Callable[[], int]]:
-    """A function that says how often the file that was opened most often has been opened, by whatever library."""
-    system = ctypes.CDLL(None, use_errno=True)
-    watch = system.inotify_init1(os.O_NONBLOCK)
-    files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
-    for file in files:  # closing is watched too, because the system joins two events of one kind
-        assert system.inotify_add_watch(watch, str(file).encode(), IN_OPEN | IN_CLOSE) > 0
-
-    def opened() -> int:
-        events, counts = os.read(watch, 1 << 20), Counter()
-        while events:
-            place, mask, _, length = struct.unpack_from("iIII", events)
-            counts[place] += bool(mask & IN_OPEN)
-            events = events[16 + length :]
-        return max(counts.values())
-
-    try:
-        yield opened
-    finally:
-        os.close(watch)
-
-
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux counts how often files are opened")
-def test_an_audit_opens_a_file_once(path):
-    with counted(path) as opened:
-        recording = rpil.open(path, on_disk=False)
-        steps_alone = replace(recording, find_defects=None)  # the files beside the steps are for rpil check
-        recording.demonstrations, recording.facts, rpil.check(steps_alone)
-        assert opened() == 1

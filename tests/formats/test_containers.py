@@ -10,7 +10,7 @@ import rpil
 from hdf5_files import aloha, d4rl, h5py, robomimic
 from rpil import formats
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.formats.containers import opened_hdf5
+from rpil.formats.containers import open_hdf5
 from rpil.formats.registry import find
 
 
@@ -69,10 +69,8 @@ def test_what_was_not_written_is_refused(tmp_path, how):
         array = file.create_dataset("x", (20, 2), "f4", fillvalue=7, **how)
         if how:
             array[5:10] = 1
-    with (
-        opened_hdf5(tmp_path / "x.hdf5") as (_, found),
-        pytest.raises(DataError, match=r"x\.hdf5: x .*write it again"),
-    ):
+    _, found = open_hdf5(tmp_path / "x.hdf5")
+    with pytest.raises(DataError, match=r"x\.hdf5: x .*write it again"):
         found.arrays["x"][:]
 
 

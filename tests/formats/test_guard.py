@@ -148,11 +148,6 @@ def rewrite_episodes(change):
     return damage
 
 
-def null_statistics(table):
-    column = table.column_names.index("stats/index/min")
-    return table.set_column(column, "stats/index/min", pa.array([None] * len(table), pa.list_(pa.float64())))
-
-
 def damage_page(path):
     content = bytearray((path / STEPS).read_bytes())
     content[4:200] = b"\xff" * 196
@@ -168,7 +163,6 @@ LEROBOT = {
     "statistics of the quantile 9.99": (change_statistics({"action": {"q999": [0]}}), STATS),
     "episodes missing": (lambda path: shutil.rmtree(path / "meta/episodes"), "episodes"),
     "episodes without numbers": (rewrite_episodes(lambda table: table.drop_columns("episode_index")), "episodes"),
-    "episodes with null statistics": (rewrite_episodes(null_statistics), "episodes"),
     "episodes damaged": (lambda path: (path / EPISODES).write_bytes(b"PAR1"), "episodes"),
     "data no Parquet": (lambda path: (path / STEPS).write_bytes(b"no"), "file-000.parquet"),
     "data damaged": (damage_page, "file-000.parquet"),

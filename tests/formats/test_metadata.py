@@ -14,7 +14,7 @@ from problems import refused
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import ColumnOptions
-from samples import LENGTHS, OWNERS, SAMPLES, STATES, lerobot, table
+from samples import LENGTHS, OWNERS, SAMPLES, STATES, lerobot
 
 SUCCESS = np.array([0, 0, 0, 1, *[0] * 6, *[0] * 4, 1])
 """A flag of which only the last value of each demonstration counts: 1, 0, 1."""
@@ -27,25 +27,6 @@ def facts(path, **options):
 def test_lerobot_states_the_order_by_its_index(tmp_path):
     found = facts(lerobot(tmp_path))
     np.testing.assert_array_equal(found.order, [0, 1, 2])
-
-
-@pytest.mark.parametrize("kind", ["int", "timestamp"])
-def test_wall_clock_times_state_the_order_and_clocks_of_episodes_do_not(tmp_path, kind):
-    starts = 1.7e9 + np.array([5000.0, 0.0, 900.0])
-    seconds = starts[OWNERS] + np.concatenate([np.arange(n) for n in LENGTHS])
-    values = {"int": (seconds * 1000).astype(int), "timestamp": seconds.astype("datetime64[s]")}
-    wall = table().set_column(table().column_names.index("timestamp"), "timestamp", pa.array(values[kind]))
-    pq.write_table(wall, tmp_path / "wall.parquet")
-    found = facts(tmp_path / "wall.parquet")
-    np.testing.assert_array_equal(found.order, starts)
-    pq.write_table(table(), tmp_path / "own.parquet")
-    assert facts(tmp_path / "own.parquet").order is None
-    copies = np.tile(seconds[:4], 3)  # three copies of one demonstration, each with the times of the first
-    pq.write_table(
-        pa.table({"episode": np.arange(12) // 4, "x": STATES[:12, 0], "a": STATES[:12, 1], "time": copies}),
-        tmp_path / "c.parquet",
-    )
-    assert facts(tmp_path / "c.parquet").order is None
 
 
 @pytest.mark.parametrize("name", ["folder of CSV", "folder of Parquet"])

@@ -149,7 +149,7 @@ def test_the_time_of_the_simulator_is_no_observation(tmp_path):
             demo["states"][:, 0] = 0.3 + 0.05 * np.arange(len(demo["actions"]))
     recording = formats.read_recording(path)
     assert recording.describe().observations == tuple(f"states.{k}" for k in range(1, 32))
-    assert recording.describe().ignored["states.0"] == "simulation time"
+    assert recording.describe().ignored["states.0"] == "time or number of the step"
     with h5py.File(path) as file:
         found = recording.demonstrations.select(slice(0, 1)).observations
         np.testing.assert_array_equal(found, file["data/demo_0/states"][:, 1:])

@@ -30,7 +30,6 @@ from rpil.cli.options import (
 )
 from rpil.cli.terminal import LOADING, print_lines, show_stages
 from rpil.data.errors import DataError
-from rpil.data.held import holding
 from rpil.data.text import counted
 
 if TYPE_CHECKING:
@@ -130,7 +129,6 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     help="Keep by this file and judge nothing: the table of rpil audit --verdicts, the list of --keep, or labels.",
 )
 @with_options(*CHOICE_OPTIONS, *JUDGE_OPTIONS)
-@holding()
 def keep(
     file: str,
     output: str,

@@ -219,7 +219,7 @@ class Demonstrations(DemonstrationSet):
         episodes : iterable
             Each is a pair ``(observations, actions)``; a dict, or an object, with ``observations`` or ``obs`` and
             ``actions`` or ``acts``; or a list of steps, which are such dicts. An observation after the last action is
-            dropped. Dicts and tuples of observations become columns with names such as ``qpos.0``.
+            dropped. Dicts of observations become columns with names such as ``qpos.0``.
 
         Raises
         ------

@@ -1,13 +1,12 @@
 """Episodes as other libraries give them in Python: the observations and actions of each, as arrays.
 
 Gymnasium, Minari and imitation keep the observation after the last action, which is dropped here. Observations in dicts
-and tuples become columns, each with a name.
+become columns, each with a name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence, Sized
-from itertools import product
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Protocol, TypeGuard
 
 import numpy as np
@@ -56,9 +55,7 @@ def as_episode(given: object, where: str) -> tuple[Array, Array, tuple[str, ...]
         raise DataError(
             f"{where}: give one pair (observations, actions), a dict or an object that holds both, or a list of steps."
         )
-    # A tuple holds the steps, or else the parts of all of them: the lengths decide.
-    pairs = list(product(*([list(one), _by_number(one)] if isinstance(one, tuple) else [one] for one in both)))
-    seen, acted = next((pair for pair in pairs if _n_rows(pair[0]) - _n_rows(pair[1]) in (0, 1)), pairs[0])
+    seen, acted = (list(one) if isinstance(one, tuple) else one for one in both)
     observations, names = _as_table(seen, "observation", where)
     actions, _ = _as_table(acted, "action", where)
     lengths = [len(array) if array.ndim else 0 for array in (observations, actions)]
@@ -96,10 +93,6 @@ def _first_of(holder: object, names: Sequence[str]) -> object:
     return next((part for part in map(get, names) if part is not None), None)
 
 
-def _by_number(parts: tuple[object, ...]) -> dict[str, object]:
-    return {str(k): part for k, part in enumerate(parts)}
-
-
 class Structure(Protocol):
     """Entries by name: a dict, or imitation's DictObs."""
 
@@ -111,16 +104,8 @@ def _is_structure(part: object) -> TypeGuard[Structure]:
     return isinstance(part, Mapping) or (hasattr(part, "items") and not hasattr(part, "__array__"))
 
 
-def _n_rows(part: object) -> int:
-    if isinstance(part, tuple):
-        return _n_rows(_by_number(part))
-    if _is_structure(part):
-        return max((_n_rows(value) for _, value in part.items()), default=0)
-    return len(part) if isinstance(part, Sized) and getattr(part, "shape", True) else 0
-
-
 def _as_table(part: object, what: str, where: str) -> tuple[Array, tuple[str, ...]]:
-    """Values as they are; those in dicts and tuples side by side, (T, K), and a name for each of the K."""
+    """Values as they are; those in dicts side by side, (T, K), and a name for each of the K."""
     columns = _columns(part, "", what, where)
     if "" in columns:
         return columns[""], ()
@@ -141,14 +126,12 @@ def _as_table(part: object, what: str, where: str) -> tuple[Array, tuple[str, ..
 
 
 def _columns(part: object, name: str, what: str, where: str) -> dict[str, Array]:
-    """The arrays in nested dicts and tuples, by their names joined with dots; an array by itself is called ""."""
-    if isinstance(part, list) and part and (isinstance(part[0], tuple) or _is_structure(part[0])):
-        steps = [_by_number(step) if isinstance(step, tuple) else dict(step.items()) for step in part]
+    """The arrays in nested dicts, by their names joined with dots; an array by itself is called ""."""
+    if isinstance(part, list) and part and _is_structure(part[0]):
+        steps = [dict(step.items()) for step in part]
         if any(step.keys() != steps[0].keys() for step in steps):
             raise DataError(f"{where}: the {what}s of its steps hold different parts; give every step the same ones.")
         part = {key: [step[key] for step in steps] for key in steps[0]}
-    elif isinstance(part, tuple):
-        part = _by_number(part)
     if not _is_structure(part):
         return {name: as_array(part, f"{what} {name!r}" if name else f"{what}s", where)}
     found: dict[str, Array] = {}

@@ -12,7 +12,6 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from rpil.data.errors import DataError
-from rpil.data.held import held_bytes
 
 _MOST_OF_NAME = 255  # bytes that file systems take
 _POINTER = b"version https://git-lfs"
@@ -53,7 +52,7 @@ def check_readable(path: StrPath) -> Path:
     if path.stat().st_size == 0:
         raise DataError(f"{path}: the file is empty; write it again.")
     if path.stat().st_size < _MOST_OF_POINTER:
-        with held_bytes(path) as file:
+        with path.open("rb") as file:
             refuse_pointer(file.read(len(_POINTER)), path)
     return path
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from rpil.data.errors import DataError
-from rpil.data.held import held_bytes
 from rpil.data.memory import MIB
 
 Parsed = Any
@@ -23,7 +22,7 @@ MOST_LISTS = 2_000_000
 
 def read_text(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8") -> str:
     """The text of a file; errors are those of `check_text`."""
-    with held_bytes(path) as file:
+    with path.open("rb") as file:
         content = file.read(limit + 1)
     check_text(content, str(path), limit)
     return content.decode(encoding)

@@ -126,11 +126,6 @@ def is_observation(name: str) -> bool:
     return bool(OBSERVATION.fullmatch(plain_name(name)))
 
 
-def spans(runs: Iterable[Sequence[object]]) -> list[str]:
-    """Runs of names in words: of one or two names these, of more the first and the last one, as "3 to 7"."""
-    return [f"{run[0]} to {run[-1]}" if len(run) > 2 else ", ".join(map(str, run)) for run in runs]
-
-
 def quoted(names: Iterable[object], most: int = 12) -> str:
     """Up to `most` of the names, quoted, and of a long one the beginning, for a message."""
     texts = [repr(name) for name in names]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +15,6 @@ from numpy.lib import format as npy
 from rpil.data.arrays import as_array
 from rpil.data.errors import DataError
 from rpil.data.guard import guarded
-from rpil.data.held import held
 from rpil.data.memory import check_memory
 from rpil.numerics.types import Array
 
@@ -66,16 +64,17 @@ class Npz:
         return self.read([name])[name]
 
 
-@contextmanager
-def opened_npz(path: Path, where: str = "", remedy: str = "write it again") -> Iterator[Npz]:
-    """The arrays in the file at `path`; a `DataError` where it is damaged, or two arrays have one name."""
+def open_npz(path: Path, where: str = "", remedy: str = "write it again") -> Npz:
+    """The arrays in the file at `path`, which is closed with them.
+
+    A `DataError` where it is damaged, or two arrays have one name.
+    """
     where = where or path.name
-    fault = "not an NPZ file, or a damaged or truncated one", remedy
-    with guarded(where, *fault), held(path, lambda: zipfile.ZipFile(path), "ZIP") as archive:
-        stored = Npz(archive, where)
-        if len(set(stored.names)) < len(stored.names):
-            raise DataError(f"{where}: it holds two arrays of one name; {remedy}.")
-        yield stored
+    with guarded(where, "not an NPZ file, or a damaged or truncated one", remedy):
+        stored = Npz(zipfile.ZipFile(path), where)
+    if len(set(stored.names)) < len(stored.names):
+        raise DataError(f"{where}: it holds two arrays of one name; {remedy}.")
+    return stored
 
 
 def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:

@@ -19,7 +19,6 @@ from rpil.data.demonstrations import SOURCE, Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, replacing
 from rpil.data.guard import guarded
-from rpil.data.held import holding
 from rpil.data.id_values import (
     is_id_file,
     label_codes,
@@ -188,8 +187,7 @@ def read_recording(
             # A table is none to convert: before pyarrow 25 the copy of a column of text views ended the process.
             table = path if isinstance(path, pa.Table) else pa.table(path)
         return from_tables(from_arrow([table], options, "the frame", "data frame"), options)
-    with holding():
-        return find(path).read(options, on_disk=on_disk)
+    return find(path).read(options, on_disk=on_disk)
 
 
 def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,13 +16,12 @@ from rpil.data.errors import DataError
 from rpil.data.files import replacing
 from rpil.data.folders import is_hidden
 from rpil.data.guard import guarded
-from rpil.data.held import held_bytes
 from rpil.data.json_files import object_in, read_json
 from rpil.data.names import TASK, is_observation, may_be_outcome, natural_key, plain_name
-from rpil.data.npy import Npz, opened_npz, write_npz
+from rpil.data.npy import Npz, open_npz, write_npz
 from rpil.formats.array_layout import ROLES, Arrays
-from rpil.formats.columns import ColumnOptions, as_list
-from rpil.formats.containers import ZIP, is_zarr, keep_groups, opened_hdf5, opened_zarr
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.containers import ZIP, is_zarr, keep_groups, open_hdf5, open_zarr
 from rpil.formats.format import Format, StepTables, kept_of
 from rpil.formats.metadata import Metadata
 from rpil.formats.scan import commas, without_damaged
@@ -33,7 +31,7 @@ from rpil.numerics.types import Array
 
 _NPZ, _HDF5 = (".npz",), (".hdf5", ".h5")
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
-_FILE_NAME, _GROUP_NAME, _STEPS_OF_TIME = "name of the file", "name of the group", 10
+_FILE_NAME, _GROUP_NAME = "name of the file", "name of the group"
 _STATES = "There are no observations: the simulator's states are used; dataset_states_to_obs.py writes some."
 _OF_NUMBERS = ROLES["names"]
 
@@ -54,22 +52,18 @@ def claims(path: Path) -> bool:
 def _is_hdf5(path: Path) -> bool:
     if path.suffix.lower() in (*_NPZ, *_HDF5):
         return path.suffix.lower() in _HDF5
-    with held_bytes(path) as file:
+    with path.open("rb") as file:
         return file.read(len(_SIGNATURE)) == _SIGNATURE
 
 
-@contextmanager
-def _opened(path: Path, options: ColumnOptions = ColumnOptions(), where: str = "") -> Iterator[Arrays]:
+def _open(path: Path, options: ColumnOptions = ColumnOptions(), where: str = "") -> Arrays:
     """The arrays in a file, which is called `where` in messages; in NPZ none is ever unpickled."""
     if is_zarr(path):
-        with opened_zarr(path, options) as arrays:
-            yield arrays
-    elif _is_hdf5(path):
-        with opened_hdf5(path, options) as (_, arrays):
-            yield arrays
-    else:
-        with opened_npz(path, where) as stored:
-            yield Arrays({name: _array(stored, name) for name in stored.names}, stored.where, "NPZ", options)
+        return open_zarr(path, options)
+    if _is_hdf5(path):
+        return open_hdf5(path, options)[1]
+    stored = open_npz(path, where)
+    return Arrays({name: _array(stored, name) for name in stored.names}, stored.where, "NPZ", options)
 
 
 def _array(stored: Npz, name: str) -> StoredArray:
@@ -83,9 +77,9 @@ def _array(stored: Npz, name: str) -> StoredArray:
 def read(path: Path, options: ColumnOptions) -> StepTables:
     """Read the arrays of a file, or the demonstration in each file of a folder, opened again for its values."""
     if path.is_file() or is_zarr(path):
-        with _opened(path, options) as arrays:
-            within, groups = arrays.groups()
-            return _read_groups(arrays, within, groups) if groups else arrays.read()
+        arrays = _open(path, options)
+        within, groups = arrays.groups()
+        return _read_groups(arrays, within, groups) if groups else arrays.read()
     files = _files(path)
     found, damaged = without_damaged(files, lambda name: _part(name, files[name], path), options.skip_bad)
     notes = tuple(dict.fromkeys(note for _, of_file in found.values() for note in of_file))
@@ -123,33 +117,27 @@ def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
     said = found.items() if isinstance(found, dict) else ()
     tasks = {m: value for m, value in said if TASK.fullmatch(plain_name(m)) and isinstance(value, str)}
     ends = {m: float(value) for m, value in said if may_be_outcome(m) and isinstance(value, int | float)}
-    with _opened(file, where=f"{file.parent.name}/{file.name}") as these:
-        arrays, n, fault = these.arrays, these.n_steps, "in a folder each file is one demonstration, and here"
-        if not these.names["actions"]:
-            remedy = f"give the path of the file itself, call the array {ROLES['actions'][0]!r}, or take the file out"
-            raise DataError(f"{these.source}: {fault} no array holds its actions; {remedy} of the folder.")
-        several = [m for m in ("terminals", "timeouts") if m in arrays and these.flags([m], (n,))[:-1].any()]
-        several += [m for m in these.shaped(((n,),), "ids") if len(np.unique(these.values(m))) > 1]
-        if several:
-            raise DataError(f"{these.source}: {fault} {several[0]} names several; give the path of the file itself.")
-        numbers = [m for m, one in arrays.items() if one.shape in ((), (1,)) and one.dtype.kind in "biuf"]
-        facts = {m: np.asarray(arrays[m][...]).item() for m in numbers if may_be_outcome(m)}  # type: ignore[index]
-        own = {m: one for m, one in arrays.items() if m not in facts or one.shape == (n,)}  # of one step
-        closed = {m: Closed(one.shape, one.dtype, partial(_rows, file, m)) for m, one in own.items()}
-        return Part(n, closed, {_FILE_NAME: name, **tasks, **ends, **facts}), these.notes
+    these = _open(file, where=f"{file.parent.name}/{file.name}")
+    arrays, n, fault = these.arrays, these.n_steps, "in a folder each file is one demonstration, and here"
+    if not these.names["actions"]:
+        remedy = f"give the path of the file itself, call the array {ROLES['actions'][0]!r}, or take the file out"
+        raise DataError(f"{these.source}: {fault} no array holds its actions; {remedy} of the folder.")
+    several = [m for m in ("terminals", "timeouts") if m in arrays and these.flags([m], (n,))[:-1].any()]
+    several += [m for m in these.shaped(((n,),), "ids") if len(np.unique(these.values(m))) > 1]
+    if several:
+        raise DataError(f"{these.source}: {fault} {several[0]} names several; give the path of the file itself.")
+    numbers = [m for m, one in arrays.items() if one.shape in ((), (1,)) and one.dtype.kind in "biuf"]
+    facts = {m: np.asarray(arrays[m][...]).item() for m in numbers if may_be_outcome(m)}  # type: ignore[index]
+    own = {m: one for m, one in arrays.items() if m not in facts or one.shape == (n,)}  # of one step
+    closed = {m: Closed(one.shape, one.dtype, partial(_rows, file, m)) for m, one in own.items()}
+    return Part(n, closed, {_FILE_NAME: name, **tasks, **ends, **facts}), these.notes
 
 
 def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> StepTables:
     """The recording in groups of arrays, as robomimic and Isaac Lab write it: the arrays that the first one has."""
-    first, notes, options, ignored = next(iter(groups.values())).arrays, these.notes, these.options, {}
+    first, notes, options = next(iter(groups.values())).arrays, these.notes, these.options
     if "states" in first and not options.observations and not any(map(is_observation, first)):
         notes = (*notes, _STATES)
-        state = first["states"]
-        is_long = len(state.shape) == 2 and state.shape[1] > 1 and state.shape[0] >= _STEPS_OF_TIME
-        steps = np.diff(np.asarray(state[:_STEPS_OF_TIME])[:, 0]) if is_long and state.dtype.kind == "f" else [0]
-        if steps[0] > 0 and np.allclose(steps, steps[0], rtol=1e-3, atol=0):  # it rises by the same at every step
-            options = replace(options, exclude=(*as_list(options.exclude), "states.0"))
-            ignored = {"states.0": "simulation time"}
     names = dict.fromkeys(path.split("/")[1] for path in these.arrays if within and path.startswith(within))
     if without := commas([name for name in names if name not in groups]):
         notes = (*notes, f"Left out, because they are links, or hold no actions: {without}.")
@@ -165,7 +153,7 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> Step
     fps = float(rate) if isinstance(rate, int | float) and math.isfinite(rate) and rate > 0 else None
     name = f"{these.kind} of robomimic's layout" if within else f"{these.kind}, a group for each demonstration"
     metadata = Metadata(fps=fps, lengths=lengths)
-    return replace(from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes), ignored=ignored)
+    return from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes)
 
 
 def _said(attributes: Mapping[str, object], what: str) -> object:
@@ -184,10 +172,10 @@ def _said(attributes: Mapping[str, object], what: str) -> object:
 
 def _rows(file: Path, name: str, rows: slice) -> object:
     """Some rows of an array in a file."""
-    with _opened(file) as found:
-        if name not in found.arrays:
-            raise DataError(f"{found.source}: it has changed while it was read; read it again.")
-        return found.arrays[name][rows]
+    found = _open(file)
+    if name not in found.arrays:
+        raise DataError(f"{found.source}: it has changed while it was read; read it again.")
+    return found.arrays[name][rows]
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
@@ -211,8 +199,8 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
     if _is_hdf5(path):
         keep_groups(path, output, ids)
         return
-    with opened_npz(path) as stored:
-        arrays = stored.read(stored.names)
+    stored = open_npz(path)
+    arrays = stored.read(stored.names)
     these = Arrays(arrays, path.name, options=options)
     cut = these.cut()
     there, n = list(dict.fromkeys(cut.ids.tolist())), len(cut.ids)
@@ -236,12 +224,12 @@ def unkept(path: Path, options: ColumnOptions) -> str:
     """What `keep` writes no new file of, in words; empty where it writes one."""
     if path.is_dir() or is_zarr(path):
         return "Zarr" if is_zarr(path) else "file of arrays for each demonstration"
-    with _opened(path, options) as arrays:
-        has_groups, is_hdf5 = bool(arrays.groups()[1]), _is_hdf5(path)
-        if is_hdf5 and has_groups and options.id:
-            return "groups by other ids than their names"
-        is_kept = has_groups if is_hdf5 else not has_groups and not arrays.is_stacked
-        return "" if is_kept else "arrays of this layout"
+    arrays = _open(path, options)
+    has_groups, is_hdf5 = bool(arrays.groups()[1]), _is_hdf5(path)
+    if is_hdf5 and has_groups and options.id:
+        return "groups by other ids than their names"
+    is_kept = has_groups if is_hdf5 else not has_groups and not arrays.is_stacked
+    return "" if is_kept else "arrays of this layout"
 
 
 FORMAT = Format("arrays", claims, read, keep, unkept, suffixes=(*_NPZ, *_HDF5, ZIP), write=write)

@@ -14,11 +14,9 @@ import os
 import re
 import warnings
 import zipfile
-from collections.abc import Container, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Container, Mapping, Sequence
 from functools import cache, cached_property
 from pathlib import Path
-from threading import RLock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,7 +25,6 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError, optional
 from rpil.data.files import cannot_be_written, check_readable, replacing
 from rpil.data.guard import guarded
-from rpil.data.held import held
 from rpil.data.memory import check_free
 from rpil.data.names import natural_key
 from rpil.formats.array_layout import ROLES, Arrays
@@ -55,23 +52,23 @@ _DAMAGED_HEADER = "its header is damaged, or of an unknown format", "copy or wri
 _DAMAGED_CHUNK = "a chunk of it is damaged, or does not hold what the header declares", "copy or write it again"
 
 
-@contextmanager
-def opened_hdf5(path: Path, options: ColumnOptions = ColumnOptions()) -> Iterator[tuple[h5py.File, Arrays]]:
-    """The file, and the arrays in it by path, each of which is opened when it is asked for: there may be many.
+def open_hdf5(path: Path, options: ColumnOptions = ColumnOptions()) -> tuple[h5py.File, Arrays]:
+    """The file, which is closed with its arrays, and these by path: each is opened when it is asked for.
 
     Each group is visited once, in whatever circles hard links lie. A `DataError` where this is no file of HDF5, or it
     is damaged, a `MissingExtraError` without h5py.
     """
     h5py, kinds = optional("h5py", f"{path.name} is HDF5, which", "hdf5"), dict[bytes, int]()
     fault = "no HDF5 file, or a damaged one", "copy or write it again"
-    with guarded(path.name, *fault), held(path, lambda: h5py.File(check_readable(path), "r")) as file:
+    with guarded(path.name, *fault):
+        file = h5py.File(check_readable(path), "r")
         file.id.links.visit(lambda place, link: kinds.update({place: link.type}), info=True)
         is_hard = {m.decode("utf-8", "surrogateescape"): kind == h5py.h5l.TYPE_HARD for m, kind in kinds.items()}
         groups = {place.rpartition("/")[0] for place in is_hard}
         leaves = [place for place in sorted(is_hard, key=natural_key) if place not in groups]
         found = {place: _FileArray(file, place) for place in leaves if is_hard[place]}
         links = [place for place in leaves if place not in found]
-        yield file, Arrays(found, path.name, "HDF5", options, lambda group: file[group or "/"].attrs, links)
+        return file, Arrays(found, path.name, "HDF5", options, lambda group: file[group or "/"].attrs, links)
 
 
 class _FileArray:
@@ -143,7 +140,8 @@ def keep_groups(path: Path, output: Path, ids: Sequence[Id]) -> None:
     """
     import h5py
 
-    with opened_hdf5(path) as (source, arrays), replacing(output) as temporary:
+    source, arrays = open_hdf5(path)
+    with replacing(output) as temporary:
         within, found = arrays.groups()
         names = kept_of(found, ids, path)
         try:
@@ -182,34 +180,31 @@ def is_zarr(path: Path) -> bool:
     return is_zip or any((path / _ENDS / header).is_file() for header in (".zarray", "zarr.json"))
 
 
-@contextmanager
-def opened_zarr(path: Path, options: ColumnOptions) -> Iterator[Arrays]:
+def open_zarr(path: Path, options: ColumnOptions) -> Arrays:
     """The arrays of a replay buffer of diffusion policy: ``data/*`` end to end, and ``meta/episode_ends``.
 
     Of images none is opened. A `DataError` where this is no such store, or it is damaged.
     """
     storage = optional("zarr.storage", "To read Zarr", "zarr")
-    with ExitStack() as stack:
+    with guarded(path.name, "no ZIP file, or a damaged one", "copy or write it again"):
         if path.is_dir():
             store, inside = storage.LocalStore(path), (file for file in path.rglob("*") if file.is_file())
             files = {file.relative_to(path).as_posix(): file.stat().st_size for file in inside}
         else:
-            stack.enter_context(guarded(path.name, "no ZIP file, or a damaged one", "copy or write it again"))
-            archive = stack.enter_context(held(path, lambda: zipfile.ZipFile(path), "ZIP"))
-            store = storage.ZipStore(path)  # which would open the file a second time
-            store._lock, store._zf, store._is_open = RLock(), archive, True
-            files = {info.filename: info.file_size for info in archive.infolist()}
+            with zipfile.ZipFile(path) as archive:
+                files = {info.filename: info.file_size for info in archive.infolist()}
+            store = storage.ZipStore(path)
         headers = sorted(filter(_HEADER_FILE.fullmatch, files), key=lambda name: name.split("/"))
         found = {name.rpartition("/")[0]: _array(store, files, path.name, name) for name in headers}
-        images = {name.removeprefix("data/"): why for name, why in found.items() if isinstance(why, str) and why}
-        arrays = {name.removeprefix("data/"): array for name, array in found.items() if isinstance(array, Closed)}
-        if _ENDS not in arrays:
-            remedy = "pack what is in the folder of Zarr, not the folder itself, or unpack the file where it holds none"
-            raise DataError(f"{path.name}: there is no {_ENDS} of numbers at the top of it; {remedy}.")
-        if not arrays.keys() - {_ENDS}:
-            there = ", ".join(images) or "nothing is there"
-            raise DataError(f"{path.name}: no array that can be read is in data ({there}); copy the data as well.")
-        yield Arrays(arrays, path.name, "Zarr replay buffer", options, unread=images)
+    images = {name.removeprefix("data/"): why for name, why in found.items() if isinstance(why, str) and why}
+    arrays = {name.removeprefix("data/"): array for name, array in found.items() if isinstance(array, Closed)}
+    if _ENDS not in arrays:
+        remedy = "pack what is in the folder of Zarr, not the folder itself, or unpack the file where it holds none"
+        raise DataError(f"{path.name}: there is no {_ENDS} of numbers at the top of it; {remedy}.")
+    if not arrays.keys() - {_ENDS}:
+        there = ", ".join(images) or "nothing is there"
+        raise DataError(f"{path.name}: no array that can be read is in data ({there}); copy the data as well.")
+    return Arrays(arrays, path.name, "Zarr replay buffer", options, unread=images)
 
 
 def _array(store: zarr.abc.store.Store, files: Mapping[str, int], where: str, header: str) -> Closed | str:

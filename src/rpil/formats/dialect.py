@@ -16,7 +16,6 @@ import pyarrow as pa
 
 from rpil.data.errors import DamagedError, DataError
 from rpil.data.guard import guarded
-from rpil.data.held import held_bytes
 from rpil.data.memory import MIB, check_memory
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.scan import damaged_lines
@@ -107,7 +106,7 @@ def text_rows(file: TextTable) -> Iterator[TextRow]:
 @contextmanager
 def text_bytes(path: Path) -> Iterator[pa.NativeFile]:
     """The bytes of a text table, decompressed."""
-    with held_bytes(path) as file:
+    with path.open("rb") as file:
         stream = pa.PythonFile(file)
         yield pa.CompressedInputStream(stream, "gzip") if path.suffix.lower() == ".gz" else stream
 

@@ -13,7 +13,6 @@ import pyarrow as pa
 import pyarrow.json
 
 from rpil.data.guard import guarded
-from rpil.data.held import held_bytes
 from rpil.data.memory import check_memory
 from rpil.data.names import natural_key
 from rpil.formats import table as flat
@@ -73,7 +72,7 @@ def _parsed(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
     A `DataError` where a line holds no object, or several, and the options do not skip it.
     """
     with guarded(file.name, *_NO_LINES):
-        with held_bytes(file) as stream:
+        with file.open("rb") as stream:
             lines, damaged = {number: line for number, line in enumerate(stream, 1) if line.strip()}, list[int]()
         with suppress(pa.ArrowInvalid):
             if all(line[:1] + line.rstrip()[-1:] == b"{}" for line in lines.values()):
@@ -108,7 +107,7 @@ def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) 
     names, owners = flat.id_codes(table, episode, lambda _: path.name)
     wanted = {k: str(name) for k, name in enumerate(names) if str(name) in ids}
     copied = {*line_of[np.isin(owners, [*wanted])].tolist()}
-    with held_bytes(path) as source, output.open("wb") as file:
+    with path.open("rb") as source, output.open("wb") as file:
         file.writelines(line for number, line in enumerate(source, 1) if number in copied)
     return {*wanted.values()}
 

@@ -16,9 +16,8 @@ import pyarrow as pa
 from rpil.data.arrays import Id
 from rpil.data.folders import check_inside, is_hidden
 from rpil.data.guard import guarded
-from rpil.data.held import held_bytes
 from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, Parsed, parse, parse_lines
-from rpil.formats.metadata import SIZES, Metadata
+from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_file import read_table
 
 _PLACE = re.compile(r"\{(\w+)(?::(0\dd))?\}")
@@ -42,7 +41,7 @@ class MetaFolder:
 
     def _text(self, place: Path, limit: int) -> bytes:
         """As much of a file as its kind has at most, and a byte more."""
-        with held_bytes(place) as stream:
+        with place.open("rb") as stream:
             return stream.read(limit + 1)
 
     @cached_property
@@ -102,7 +101,7 @@ def read_metadata(paths: Sequence[str]) -> Metadata:
     meta = None if data is None else MetaFolder(data.parent)
     if data is None or meta is None or not meta.info:
         return Metadata()
-    info = meta.info | {name: _number(meta.info[name]) for name in SIZES if name in meta.info}
+    info = meta.info
     features = info.get("features")
     features = features if isinstance(features, dict) else {}
     shown = {str(file) for file in data.rglob("*.parquet") if not file.name.startswith((".", "_"))}
@@ -113,7 +112,6 @@ def read_metadata(paths: Sequence[str]) -> Metadata:
         tasks=meta.tasks(),
         videos=cameras(info, "video"),
         n_cameras=len(cameras(info, "video", "image")),
-        sizes={name: info[name] for name in SIZES if _is_size(info.get(name))},
         lengths=meta.lengths if shown <= {*paths} else {},
     )
 

@@ -22,8 +22,6 @@ from rpil.numerics.types import Array, Float
 MAX_NAMES = 20
 """Tasks and operators of a description, at most."""
 
-SIZES = "total_episodes", "total_frames"
-
 
 @dataclass(frozen=True)
 class Metadata:
@@ -35,22 +33,13 @@ class Metadata:
     tasks: Mapping[str, str] = field(default_factory=dict)  # by task_index, as text
     videos: tuple[str, ...] = ()  # observations that lie beside the table
     n_cameras: int = 0  # of videos and of images
-    sizes: Mapping[str, float] = field(default_factory=dict)  # declared numbers of demonstrations and steps
     lengths: Mapping[Id, int] = field(default_factory=dict)  # declared steps of each demonstration
 
-    def notes(self, n_demonstrations: int, n_steps: int) -> tuple[str, ...]:
-        """What ``meta`` says otherwise than the data, in sentences."""
-        counts = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of it, in sentences."""
         unseen = f"{counted(self.n_cameras, 'camera')} {'are' if self.n_cameras > 1 else 'is'} not used"
-        found = (
-            self.n_cameras and f"{unseen}: what only pictures show is not known here.",
-            *(
-                f"meta/info.json says {name} = {self.sizes[name]}, but the data hold {n:,} {what}; the data decide."
-                for name, (n, what) in counts.items()
-                if self.sizes.get(name, n) != n
-            ),
-        )
-        return tuple(str(text) for text in found if text)
+        return (f"{unseen}: what only pictures show is not known here.",) if self.n_cameras else ()
 
 
 def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
@@ -58,21 +47,11 @@ def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
 
     A `DataError` where the column of the session or of the outcome, which the user names, cannot be one.
     """
-    table = steps.read([*clock_columns(columns), *columns.facts])
+    table = steps.read(columns.facts)
     files, order = steps.files(steps.offsets[:-1]), None
     are_numbers = plain_name(columns.episode) == EPISODE[0] and isinstance(steps.ids[0], int)
     if files and metadata.version and are_numbers:  # LeRobot numbers them in their order
         order = np.array(steps.ids, dtype=float)
-    low, high = _WALL_CLOCK  # clocks that begin anew with each demonstration do not tell which one came first
-    for name in clock_columns(columns) if files and order is None else ():
-        column = table[name].cast(pa.timestamp("s")) if pa.types.is_date(table[name].type) else table[name]
-        values = order_values(column)
-        if values is None or not len(values) or pa.types.is_duration(column.type) or pa.types.is_time(column.type):
-            continue
-        starts = (seconds := values * (unit_of(name, column.type, values) or 1.0))[steps.offsets[:-1]]
-        if low < seconds.min() and seconds.max() < high and len(np.unique(starts)) == len(starts):
-            order = starts.astype(float)
-            break
     sessions = () if columns.session is None else _sessions(columns.session, steps, files)
     outcomes = tuple(_outcome(table, name, columns, steps.offsets, steps.source) for name in columns.outcomes)
     return Facts(order, sessions, outcomes, columns.outcomes)
@@ -136,8 +115,6 @@ def different(pairs: Iterable[tuple[str, object]], names: Mapping[str, str] | No
 _UNITS = {"s sec secs seconds": 1.0, "ms msec msecs": 1e-3, "us": 1e-6, "ns nsec nsecs nanosec": 1e-9}
 _SECONDS = {unit: seconds for units, seconds in _UNITS.items() for unit in units.split()}
 _WORDS_OF_TIME = {"t", "ts", "time", "timestamp", "timestamps", "stamp", "elapsed", "clock"}
-_WALL_CLOCK = 5e8, 1e10
-"""Seconds since 1970 from 1985 to 2286: times of day, and times since a recorder was started, are far from these."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 import pyarrow as pa
@@ -17,7 +17,6 @@ import pyarrow.parquet as pq
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, refuse_pointer
 from rpil.data.guard import guarded
-from rpil.data.held import held
 from rpil.data.memory import BYTES_PER_NUMBER, MIB, check_free, check_memory
 from rpil.formats.table import BATCH_ROWS, kind_of_type
 
@@ -30,18 +29,13 @@ _LARGEST_PAGE = 64 * MIB
 _BUFFER_BYTES = 262_144  # of a column, read at a time: a row group need not fit in memory
 
 
-def input_file(path: StrPath) -> AbstractContextManager[pa.NativeFile]:
-    """The bytes of a file; see `rpil.data.held`."""
-    return held(path, lambda: pa.OSFile(str(path)), "Arrow")
-
-
 @contextmanager
 def opened(path: StrPath) -> Iterator[pq.ParquetFile]:
     """The open file, whose checksums are compared as it is read; a `DataError` where it is no Parquet file."""
     try:
         # Neither mapped into memory, where mapped pages stay and count, nor fetched by whole row groups.
         options = {"buffer_size": _BUFFER_BYTES, "pre_buffer": False, "page_checksum_verification": True}
-        with input_file(path) as stream, pq.ParquetFile(stream, **options) as file:
+        with pa.OSFile(str(path)) as stream, pq.ParquetFile(stream, **options) as file:
             # A text that repeats stays in memory once.
             texts = [field.name for field in file.schema_arrow if pa.types.is_string(field.type)]
             if texts:
@@ -51,7 +45,7 @@ def opened(path: StrPath) -> Iterator[pq.ParquetFile]:
         raise
     except Exception:
         with guarded(Path(path).name, "not a Parquet file, or a damaged or truncated one", "write it again"):
-            with input_file(path) as stream:
+            with pa.OSFile(str(path)) as stream:
                 refuse_pointer(stream.read_at(100, 0), Path(path).name)
             raise
 
@@ -62,7 +56,7 @@ def read_table(path: StrPath, columns: Sequence[str] | None = None) -> pa.Table:
     Errors of pyarrow are left as they are.
     """
     name = Path(path).name
-    with input_file(path) as stream, pq.ParquetFile(stream) as file:
+    with pa.OSFile(str(path)) as stream, pq.ParquetFile(stream) as file:
         names = file.schema_arrow.names
         chosen = names if columns is None else [column for column in columns if column in names]
         where = name if columns is None or len(columns) > 1 else f"{name}, column {columns[0]!r}"
@@ -94,7 +88,7 @@ def check_sizes(file: pq.ParquetFile, columns: Collection[str], path: StrPath) -
     sizes = bytes_of_groups(file, columns, name)
     lists = [k for k in _parts_of(file, columns) if file.schema.column(k).max_repetition_level]
     if lists:
-        with input_file(path) as stream:
+        with pa.OSFile(str(path)) as stream:
             check_pages(file, stream, lists, name)
     return sizes
 

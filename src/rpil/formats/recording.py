@@ -264,9 +264,9 @@ def from_demonstrations(demonstrations: Demonstrations, format_name: str) -> Ste
 
 
 def _of(found: StepTables, ids: Sequence[Id]) -> StepTables:
-    """The same of the demonstrations `ids` alone; declared totals are of all, and so of no use."""
+    """The same with declared lengths of the demonstrations `ids` alone."""
     lengths = {m: found.metadata.lengths[m] for m in ids if m in found.metadata.lengths}
-    return replace(found, metadata=replace(found.metadata, sizes={}, lengths=lengths))
+    return replace(found, metadata=replace(found.metadata, lengths=lengths))
 
 
 def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, clock: Clock | None) -> Description:
@@ -310,6 +310,6 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
             *notes,
             *origin.notes,
             *(left_out_lines(origin.skipped) if origin.skipped else ()),
-            *metadata.notes(len(steps.ids), n_steps),
+            *metadata.notes,
         ),
     )

@@ -22,7 +22,6 @@ from rpil.data.errors import DataError, MissingExtraError, optional
 from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
 from rpil.data.folders import check_folder
 from rpil.data.guard import guarded, in_words
-from rpil.data.held import holding
 from rpil.data.memory import TooLargeError, check_memory
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
@@ -114,7 +113,7 @@ class ClaimedPath:
                 "%s: larger than the memory it may take, so copied to %s.", self.path, folder
             )
             return self.read(options, on_disk=True)
-        with holding(), guarded(str(self.path)):
+        with guarded(str(self.path)):
             place, options = Path(self.path), replace(options, on_disk=on_disk)
             if place.is_file():
                 check_readable(place)
@@ -131,7 +130,7 @@ class ClaimedPath:
         self, output: StrPath, ids: Sequence[Id], options: ColumnOptions = ColumnOptions(), there: Sequence[Id] = ()
     ) -> None:
         """Write some demonstrations as `Recording.keep` does; `there` are the ids of all, where they are known."""
-        with holding(), guarded(str(self.path)):
+        with guarded(str(self.path)):
             new, path = self.check_output(output, options), Path(self.path)
             if not ids:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
@@ -154,7 +153,7 @@ class ClaimedPath:
 
     def annotate(self, output: StrPath, columns: Mapping[str, Mapping[str, object]]) -> None:
         """Write a copy of the folder that says more of each demonstration, which `columns` hold by name and id."""
-        with holding(), guarded(str(self.path)):
+        with guarded(str(self.path)):
             new, annotate = self.check_annotate(output)
             annotate(Path(self.path), new, columns)
 

@@ -163,7 +163,7 @@ def scan(steps: Steps, layout: Layout, columns: Columns) -> Scan:
             each[of_lists.get(name, name)].append(name)
         found.repeats = {(*own,) for own in each.values() if len(own) == max(layout.n_parts, 1)}
         if lengths.max(initial=1) > 2:  # any two numbers differ by a constant
-            found.clocks = {own[0]: inf for own in each.values() if len(own) == 1}
+            found.clocks = dict.fromkeys(layout.observations, inf)
     (bounds,) = shard_bounds(steps.offsets, 1, BLOCK_STEPS)
     for first, end in pairwise(bounds):
         rows = slice(int(steps.offsets[first]), int(steps.offsets[end]))

@@ -138,8 +138,6 @@ def test_times_that_lerobot_does_not_load_are_named(tmp_path, version, fault):
     assert defect.sentence.startswith("LeRobot cannot load these rows: ")
     assert words in defect.sentence
     assert defect.sentence.endswith("; write frame_index / 20 in their place")
-    with pytest.warns(UserWarning, match=r"kept, timestamps of .*: LeRobot cannot load "):
-        find(root).keep(tmp_path / "kept", [1, 2, 3, 4])
 
 
 def test_times_without_videos_are_numbers_that_lerobot_does_not_check(tmp_path):
@@ -173,16 +171,6 @@ def test_times_of_videos_that_are_none_are_named_and_nothing_is_kept(tmp_path, s
             use(root)
     assert [file.name for file in tmp_path.iterdir()] == ["drive"]
     find(root).keep(tmp_path / "kept.json", [1, 2])
-
-
-def test_keep_names_one_fault_of_each_kind_and_the_number_of_others(tmp_path):
-    root = folders.write(tmp_path / "drive", LENGTHS, per_file=1)
-    for file in [*(root / "videos").rglob("*.mp4")][:3]:
-        folders.write_video(file, folders.pictures(0, 4), "libx264", {"g": "2"})
-    said = r"kept, video frames of \d: .*front has 4 frames for \d+ rows \(and 2 more: rpil check lists them\)\.$"
-    with pytest.warns(UserWarning, match=said) as told:
-        find(root).keep(tmp_path / "kept", range(5))
-    assert len(told) == 1
 
 
 def test_frames_between_those_of_the_rows_are_named(tmp_path):

@@ -80,12 +80,6 @@ def stats_of_data(data: Path, like: Mapping[str, ColumnStatistics]) -> ByFeature
     return found
 
 
-def shifted_stats(one: ColumnStatistics, by: float) -> dict[str, Parsed]:
-    """Those of the same numbers with `by` added."""
-    moved = (name for name in one if name not in ("std", "count"))
-    return dict(one) | {name: [value + by for value in one[name]] for name in moved}
-
-
 INFO, STATS, EPISODES_STATS = "meta/info.json", "meta/stats.json", "meta/episodes_stats.jsonl"
 
 PATHS = {

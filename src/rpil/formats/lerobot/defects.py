@@ -45,7 +45,7 @@ def find_defects(path: Path, look: bool) -> list[Defect]:
     """What of a folder does not agree with its data; `look` decodes the videos, which takes a while."""
     folder = CheckedFolder(path)
     found: dict[Defect, None] = {}
-    for rule in (in_times, _in_totals, _in_numbers, _in_episodes, _in_statistics, partial(in_videos, look=look)):
+    for rule in (_in_times, _in_totals, _in_numbers, _in_episodes, _in_statistics, partial(_in_videos, look=look)):
         try:
             with guarded(path / "meta"):
                 found |= dict.fromkeys(rule(folder))
@@ -54,7 +54,7 @@ def find_defects(path: Path, look: bool) -> list[Defect]:
     return list(found)
 
 
-def in_times(folder: CheckedFolder) -> Iterator[Defect]:
+def _in_times(folder: CheckedFolder) -> Iterator[Defect]:
     """Episodes with times that LeRobot does not find in a video, or of other frames a second."""
     wrong = {m: rows for m, rows in folder.data.items() if rows.off}
     if wrong:
@@ -71,7 +71,7 @@ def in_times(folder: CheckedFolder) -> Iterator[Defect]:
         yield Defect("timestamps", place, f"{said}; {remedy}")
 
 
-def in_videos(folder: CheckedFolder, look: bool) -> Iterator[Defect]:
+def _in_videos(folder: CheckedFolder, look: bool) -> Iterator[Defect]:
     """Faults of videos; without the package only files that are not there, unless they are to be looked at."""
     fps, shots = frame_rate(folder.info.get("fps")), folder.shots()
     there = {shot.path for shot in shots if shot.path.is_file()}

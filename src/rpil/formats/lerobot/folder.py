@@ -30,7 +30,7 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, Shot
 from rpil.formats.lerobot import checked_folder
 from rpil.formats.lerobot.checked_folder import EPISODES_STATS, INFO, PATHS, STATS, ByFeature, CheckedFolder
-from rpil.formats.lerobot.defects import find_defects, find_shots, in_times, in_videos
+from rpil.formats.lerobot.defects import find_defects, find_shots
 from rpil.formats.meta_folder import cameras, chunk_size, fill
 from rpil.formats.parquet import keep_rows
 from rpil.numerics.types import Array
@@ -139,13 +139,7 @@ class Kept:
                 for name, place in {"data": self.places[new], "meta/episodes": (0, 0)}.items():
                     rows[m] |= {f"{name}/chunk_index": place[0], f"{name}/file_index": place[1]}
             if statistics:
-                own = {feature: one for feature, one in statistics[m].items() if feature not in gone}
-                for feature, number in (("episode_index", new), ("index", start)):  # which are counted again
-                    if feature in own:
-                        own[feature] = checked_folder.shifted_stats(
-                            own[feature], number - np.ravel(own[feature]["min"])[0].item()
-                        )
-                found.append(own)
+                found.append({feature: one for feature, one in statistics[m].items() if feature not in gone})
             start += n
         for camera, shots in videos.items():
             for m, said in self._copy_videos(camera, [shots[m] for m in self.numbers]).items():
@@ -194,13 +188,6 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
     check_ids(ids, old.data, str(path), "them")
     with new_folder(output) as new:
         _write(Kept(old, new, info, wanted))
-        with guarded(path / "meta"):
-            written = CheckedFolder(new)
-            found = [*in_times(written), *in_videos(written, False)]
-    for what in dict.fromkeys(one.what for one in found):
-        first, *others = (one for one in found if one.what == what)
-        more = f" (and {len(others)} more: rpil check lists them)" if others else ""
-        warnings.warn(f"{output}, {what} of {first.place}: {first.sentence}{more}.", stacklevel=1)
 
 
 def _write(kept: Kept) -> None:
