@@ -66,8 +66,8 @@ def find_segments(
     Returns
     -------
     Segments
-        The score is P(good) where a label says good and another one bad, and else how far an act lies above the median
-        one, in robust standard deviations.
+        The score is P(good) where a label says good and another one bad, and else how far the progress of an act lies
+        above the median one, in nats.
     """
     settings = settings or SegmentSettings()
     columns = Columns.of(demonstrations, settings)
@@ -78,8 +78,9 @@ def find_segments(
     found = Segments(acts.demonstration, acts.start, acts.end, acts.kind.astype(np.int8), score, reasons)
     if labels:
         known = np.zeros((demonstrations.n_steps, 0)) if step_scores is None else np.asarray(step_scores)[:, None]
-        facts = np.column_stack([acts.progress, acts.again | acts.taken, means_of(known, acts, demonstrations.offsets)])
-        found = taught(found, facts, labels)
+        is_nothing = (acts.moved == 0).all(axis=1)
+        facts = [acts.progress, acts.again | acts.taken, is_nothing, means_of(known, acts, demonstrations.offsets)]
+        found = taught(found, np.column_stack(facts), labels, settings)
     return without_idle(found, demonstrations)
 
 
@@ -102,30 +103,25 @@ def find_acts(columns: Columns, taken: Bool[Array, " N"], settings: SegmentSetti
     for k in np.flatnonzero(follows & (size == 0))[::-1]:
         states[k] = states[k + 1]
     kind = np.append(ACT, np.where(undone, BACK, np.where(again, REPEATED, ACT))[:-1])
+    again &= ~(states[:, 0] > np.append(states[1:, 0], 0.0) + settings.done_again)  # then the next one is at fault
     is_before = follows & ~taken[first] & np.append(taken[first][1:], False)
     start, end = first - offsets[demonstration], last + 1 - offsets[demonstration]
     return Acts(demonstration, start, end, np.where(taken[first], TAKEOVER, kind), moved, states, again, is_before)
 
 
 def scores(acts: Acts, settings: SegmentSettings) -> Float[Array, " N"]:
-    """Robust standard deviations of the progress above the median one, less what was done again or taken over."""
-    values = acts.progress[:, 0]
-    if not np.isfinite(values).any():
-        values = np.where(acts.taken, 0.0, np.nan)
-    if not np.isfinite(values).any():
-        return values
-    middle = np.nanmedian(values)
-    spread = max(1.4826 * float(np.nanmedian(np.abs(values - middle))), settings.least_spread)
-    return np.asarray(
-        (values - middle) / spread - settings.correction * acts.again - settings.intervention * acts.taken
-    )
+    """Progress above the median one, in nats, less what is done again and what a person takes over."""
+    known = np.where(np.isnan(acts.progress[:, 0]) & acts.taken, 0.0, acts.progress[:, 0])
+    if not np.isfinite(known).any():
+        return known
+    return np.asarray(known - np.nanmedian(known) - settings.done_again * acts.again - settings.taken_over * acts.taken)
 
 
 def reasons_of(acts: Acts, score: Float[Array, " N"], n: int, settings: SegmentSettings) -> list[str]:
     """A sentence about each candidate, and "" of the others."""
     counts, found = (acts.moved != 0).sum(axis=1).tolist(), []
     is_usual = len(np.unique(acts.demonstration[acts.again])) > settings.few * n
-    is_low = (acts.progress[:, 0] < 0) & (score < -settings.surprise)
+    is_low = (acts.progress[:, 0] < 0) & (score < -settings.shortfall)
     for k, count in enumerate(counts):
         moves = f"moves {count} column{'s' * (count != 1)}" if count else "moves nothing"
         if acts.taken[k]:

@@ -15,15 +15,17 @@ from scipy.special import expit
 from rpil.inference.answered import answer
 from rpil.inference.answers import Answers
 from rpil.inference.channels import normal_scores
-from rpil.inference.settings import AnswerSettings
 from rpil.numerics.types import Array, Float, Int
+from rpil.segments.settings import SegmentSettings
 from rpil.segments.table import Segments
 
 Label = tuple[int, int, int, bool]
 """The number of a demonstration, its first row, the row after the last, and whether these are good."""
 
 
-def taught(segments: Segments, facts: Float[Array, "N F"], labels: Sequence[Label]) -> Segments:
+def taught(
+    segments: Segments, facts: Float[Array, "N F"], labels: Sequence[Label], settings: SegmentSettings
+) -> Segments:
     """The same with P(good) as score, learned from the facts of each segment, where two marked segments contrast."""
     known = Answers.of_labels(marked(segments, labels))
     if not known.contrast:
@@ -33,7 +35,7 @@ def taught(segments: Segments, facts: Float[Array, "N F"], labels: Sequence[Labe
     length = np.log(segments.end - segments.start)
     others = normal_scores(np.nan_to_num(np.column_stack([facts, length])))
     columns = np.column_stack([normal_scores(score[:, None]), others, np.clip(score, -2, 2)])
-    found = answer(columns, known, AnswerSettings(), np.arange(len(columns)))
+    found = answer(columns, known, settings.answers, np.arange(len(columns)))
     is_new = (found.verdicts < 0) & (known.labels == 0)
     reasons = [
         reason or ("is like what was marked bad" if new else "")
@@ -48,5 +50,5 @@ def marked(segments: Segments, labels: Sequence[Label]) -> Int[Array, " N"]:
     for m, start, end, is_good in labels:
         shared = np.minimum(segments.end, end) - np.maximum(segments.start, start)
         least = np.minimum(segments.end - segments.start, end - start) / 2
-        found[(segments.demonstration == m) & (shared > 0) & (shared >= least)] = 1 if is_good else -1
+        found[(segments.demonstration == m) & (shared > 0) & (shared >= least)] = 1 if is_good > 0 else -1
     return found
