@@ -22,11 +22,11 @@ class SegmentSettings:
     """Share of its range by which a column moves within these rows, else it rests."""
     seldom: float = 1 / 3
     """Share of what it moves while a hand is closed that a thing moves while none is, less than."""
-    near: float = 0.05
+    near: float = 0.03
     """Share of its range within which two values of a column are one place."""
     prior_acts: float = 1.0
     """Acts, spread over the range, that a density begins with."""
-    least_acts: int = 3
+    least_acts: int = 8
     """Acts of others from which a density tells something."""
     again: float = 0.5
     """Share of what an act moves that the next one moves again, from which it is done again."""
