@@ -10,7 +10,7 @@ import numpy as np
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, replacing
-from rpil.segments.table import KINDS, Segments
+from rpil.segments.kinds import KINDS, Segments
 
 
 def keys_of(pattern: str, ids: Iterable[Hashable], column: Callable[[str], Mapping[str, str]]) -> list[str]:
