@@ -15,8 +15,8 @@ import rpil
 from command_line import ok, refused
 from idle_worlds import world
 from rpil.data.errors import DataError
+from rpil.segments.kinds import KINDS
 from rpil.segments.ranges import keys_of
-from rpil.segments.table import KINDS
 
 IDS = ("plain", "a, b", 'say "x"', "é\u2028z", "=1+1", "__proto__")
 

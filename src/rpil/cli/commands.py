@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from rpil.results.choice import Asked, Choice
     from rpil.results.html.page import About
     from rpil.results.record import Audit
-    from rpil.segments.table import Segments
+    from rpil.segments.kinds import Segments
 
 
 _OF_STREAMS = errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF  # of stdout and stderr, without a name

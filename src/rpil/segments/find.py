@@ -18,8 +18,8 @@ from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.segments.cuts import Columns
 from rpil.segments.destinations import progress
 from rpil.segments.idle import idle_rows
+from rpil.segments.kinds import KINDS, Segments
 from rpil.segments.settings import SegmentSettings
-from rpil.segments.table import KINDS, Segments
 from rpil.segments.taught import Label, taught
 
 ACT, IDLE, TAKEOVER, BACK, REPEATED = range(len(KINDS))

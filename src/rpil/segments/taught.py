@@ -16,8 +16,8 @@ from rpil.inference.answered import answer
 from rpil.inference.answers import Answers
 from rpil.inference.channels import normal_scores
 from rpil.numerics.types import Array, Float, Int
+from rpil.segments.kinds import Segments
 from rpil.segments.settings import SegmentSettings
-from rpil.segments.table import Segments
 
 Label = tuple[int, int, int, bool]
 """The number of a demonstration, its first row, the row after the last, and whether these are good."""

@@ -28,7 +28,7 @@ from rpil.results.overview import headline
 from rpil.results.reasons import TWO_GROUPS
 from rpil.results.result import MAX_LOG_ODDS, AuditResult
 from rpil.results.vocabulary import SIDES, numbered
-from rpil.segments.table import KINDS, Segments
+from rpil.segments.kinds import KINDS, Segments
 
 MAX_FOUND, MAX_FIRST = 20_000, 8
 """Recording faults of a view, the worst, and the demonstrations with one that are shown first."""
