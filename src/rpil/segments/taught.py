@@ -1,8 +1,4 @@
-"""Answers about segments: P(good) of every act, from simple columns of those that were marked.
-
-The regression is that of demonstrations (`rpil.inference.answered`): the ranking counts beforehand, all else once
-answers contrast.
-"""
+"""Answers about segments: P(good) of every one, by the regression of demonstrations (`rpil.inference.answered`)."""
 
 from __future__ import annotations
 
@@ -26,21 +22,16 @@ Label = tuple[int, int, int, bool]
 def taught(
     segments: Segments, facts: Float[Array, "N F"], labels: Sequence[Label], settings: SegmentSettings
 ) -> Segments:
-    """The same with P(good) as score, learned from the facts of each segment, where two marked segments contrast."""
+    """The same with P(good) as score, learned from the score and `facts`, where one label is good and one bad."""
     known = Answers.of_labels(marked(segments, labels))
     if not known.contrast:
         return segments
-    middle = np.nanmedian(segments.score) if np.isfinite(segments.score).any() else 0.0
-    score = np.nan_to_num(segments.score - middle)
-    length = np.log(segments.end - segments.start)
-    others = normal_scores(np.nan_to_num(np.column_stack([facts, length])))
-    columns = np.column_stack([normal_scores(score[:, None]), others, np.clip(score, -2, 2)])
+    score = np.nan_to_num(segments.score)
+    columns = np.column_stack([normal_scores(np.column_stack([score, np.nan_to_num(facts)])), np.clip(score, -2, 2)])
     found = answer(columns, known, settings.answers, np.arange(len(columns)))
-    is_new = (found.verdicts < 0) & (known.labels == 0)
-    reasons = [
-        reason or ("is like what was marked bad" if new else "")
-        for reason, new in zip(segments.reason, is_new.tolist(), strict=True)
-    ]
+    is_new = ((found.verdicts < 0) & (known.labels == 0)).tolist()
+    like = ["is like what was marked bad" if new else "" for new in is_new]
+    reasons = [reason or other for reason, other in zip(segments.reason, like, strict=True)]
     return replace(segments, score=expit(found.log_odds), reason=reasons)
 
 
@@ -50,5 +41,5 @@ def marked(segments: Segments, labels: Sequence[Label]) -> Int[Array, " N"]:
     for m, start, end, is_good in labels:
         shared = np.minimum(segments.end, end) - np.maximum(segments.start, start)
         least = np.minimum(segments.end - segments.start, end - start) / 2
-        found[(segments.demonstration == m) & (shared > 0) & (shared >= least)] = 1 if is_good > 0 else -1
+        found[(segments.demonstration == m) & (shared > 0) & (shared >= least)] = 1 if is_good else -1
     return found
