@@ -24,7 +24,7 @@ def episodes(task: str, p_mistake: float, seed: int, n: int) -> dict[str, np.nda
 
     env = ocbench.make(TASKS[task], visualize_info=False)
     controller = getattr(oracles, f"{task.title()}Controller")(env, p_mistake=p_mistake)
-    np.random.seed(1000 * seed + int(100 * p_mistake))  # noqa: NPY002: the oracles draw from it
+    np.random.seed(1000 * seed + int(100 * p_mistake))  # noqa: NPY002
     rows, acts, lengths, success = ([], []), [], [], []
     for m in range(n):
         observation, info = env.reset(seed=100_000 * seed + m)

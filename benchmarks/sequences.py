@@ -54,17 +54,17 @@ def of_takeovers(made: Table, audit: Audit) -> dict[str, float]:
     true one, by the log-odds of a takeover."""
     if audit.taken_over is None:
         return {}
-    found, before = {}, step_weights.TAKEOVER
+    found, before = {}, step_weights.OF_TAKEOVER
     demonstrations = made.true.demonstrations
     design = np.column_stack([demonstrations.observations, np.ones(demonstrations.n_steps)])
     for log_odds in TAKEOVERS:
-        step_weights.TAKEOVER = log_odds
+        step_weights.OF_TAKEOVER = log_odds
         weight = step_weights.weights_of(audit)
         root = np.sqrt(weight)[:, None]
         law = np.linalg.lstsq(design * root, demonstrations.actions * root, rcond=None)[0][:, 0]
         found[f"bad steps {log_odds:g}"] = auroc(~made.bad_steps, weight)
         found[f"error of the law {log_odds:g}"] = float(np.abs(law - LAW).mean())
-    step_weights.TAKEOVER = before
+    step_weights.OF_TAKEOVER = before
     return found
 
 

@@ -19,7 +19,7 @@ PLANTED = "wrong place", "undone", "retry", "takeover", "pause"
 CLEAN = "nobody", "two ways", "slow", "own targets", "one order"
 TARGETS = np.array([[0.8, 0.2], [0.8, 0.8]])
 SPEED, GRIP, REACH = 0.05, 0.34, 0.04
-SHARE = 0.4
+SHARE = 0.3
 """Share of the demonstrations in which something is planted."""
 
 
@@ -103,9 +103,9 @@ class Person:
     def try_beside(self, thing: int) -> None:
         """Close beside a thing, and open again."""
         truth = (True, False, False)
-        self.go(self.plane.things[thing] + [0.0, 2.5 * REACH], 0.0, truth)
+        self.go(self.plane.things[thing] + np.array([0.0, 2.5 * REACH]), 0.0, truth)
         self.grasp(1.0, truth)
-        self.go(self.plane.hand + [0.0, 0.1], 1.0, truth)
+        self.go(self.plane.hand + np.array([0.0, 0.1]), 1.0, truth)
         self.grasp(0.0, truth)
 
     def rest(self, n: int) -> None:

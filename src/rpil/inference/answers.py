@@ -11,11 +11,6 @@ from rpil.data.errors import DataError
 from rpil.numerics.types import Array, Bool, Float, Int
 
 
-def no_marks() -> Int[Array, "0 4"]:
-    """Nothing was said of rows."""
-    return np.empty((0, 4), dtype=np.int64)
-
-
 def no_pairs() -> Int[Array, "0 2"]:
     """Nothing was compared."""
     return np.empty((0, 2), dtype=np.int64)
@@ -40,7 +35,7 @@ class Answers:
     heard: tuple[int, ...] | None = None
     """Sign of each witness: 1 where all else confirms it, -1 where all else turns it, 0 where it does not count; None
     before this is learned (`rpil.inference.witnesses`)."""
-    marks: Int[Array, "S 4"] = field(default_factory=no_marks)
+    marks: Int[Array, "S 4"] = field(default_factory=lambda: np.hstack([no_pairs(), no_pairs()]))
     """Rows that were called good or bad: the demonstration, the first row and the one after the last, and 1 or -1."""
 
     @classmethod
@@ -56,7 +51,7 @@ class Answers:
     @property
     def unsaid(self) -> Answers:
         """The outcomes alone."""
-        return replace(self, labels=np.zeros_like(self.labels), pairs=no_pairs(), tied=no_pairs(), marks=no_marks())
+        return replace(self, labels=np.zeros_like(self.labels), pairs=no_pairs(), tied=no_pairs(), marks=self.marks[:0])
 
     @property
     def count(self) -> int:

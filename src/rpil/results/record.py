@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rpil.formats.dataset import Dataset
     from rpil.results.choice import Choice
     from rpil.results.plots import AuditPlots
-    from rpil.segments.table import Segments
+    from rpil.segments.kinds import Segments
 
 TITLE, IN_MEMORY = "Audit of demonstrations", "in memory"
 """The title of a page, and the name of data that have no other."""
@@ -160,7 +160,7 @@ class Audit(AuditResult):
         """Where in its `demonstrations` something is: acts, idle rows, takeovers, with scores and reasons; each among
         those of the same task, by ids as text."""
         from rpil.segments.find import find_segments
-        from rpil.segments.table import joined
+        from rpil.segments.kinds import joined
 
         if demonstrations.ids != self.ids or not np.array_equal(demonstrations.offsets, self.offsets):
             raise DataError(f"{demonstrations.source}: these are not the demonstrations of the audit; give those.")

@@ -19,7 +19,7 @@ from scipy.special import expit
 from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.results.judged import Judged
 
-TAKEOVER = 2.0
+OF_TAKEOVER = 2.0
 """Log-odds by which a step of a person weighs more, and one just before less; chosen by benchmarks/sequences.py."""
 
 _BISECTIONS = 30
@@ -33,7 +33,7 @@ def weights_of(audit: Judged) -> Float[Array, " N"]:
     weight = np.repeat(of_demonstrations(audit), audit.lengths)
     if audit.taken_over is not None:
         told = np.repeat(np.maximum.reduceat(np.abs(audit.taken_over), audit.offsets[:-1]) > 0, audit.lengths)
-        weight = np.where(told, 2 * weight * balanced(TAKEOVER * audit.taken_over, audit.lengths), weight)
+        weight = np.where(told, 2 * weight * balanced(OF_TAKEOVER * audit.taken_over, audit.lengths), weight)
     return without_bad_rows(audit, weight)
 
 

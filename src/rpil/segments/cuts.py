@@ -60,10 +60,8 @@ class Columns:
 
     def things(self, closed: Bool[Array, " N"], settings: SegmentSettings) -> Bool[Array, " C"]:
         """The observations that seldom move while no hand is closed."""
-        shares = [
-            self.moves[rows].mean(axis=0) if rows.any() else np.zeros(len(self.is_action)) for rows in (~closed, closed)
-        ]
-        return np.asarray((shares[0] < settings.seldom * shares[1]) & ~self.is_action)
+        shares = [self.moves[rows].sum(axis=0) / max(rows.sum(), 1) for rows in (~closed, closed)]
+        return np.asarray((shares[0] < settings.few * shares[1]) & ~self.is_action)
 
     def cuts(self, closed: Bool[Array, " N"]) -> Int[Array, " K"]:
         """First rows of the acts, but for those of the first acts of demonstrations."""

@@ -1,9 +1,4 @@
-"""Progress of acts: whether things lie afterwards where others leave them, rather than where others take them from.
-
-Of each column that an act moves: log f(value) - log g(value), where f is the density of the values at which acts of
-other demonstrations leave this column, and g that of the values from which they take it. The mean over the columns is
-the progress of a state; it needs no reward, no film and no model of the task.
-"""
+"""Progress of acts: whether things lie afterwards where others leave them, rather than where others take them from."""
 
 from __future__ import annotations
 
@@ -16,34 +11,34 @@ from rpil.segments.settings import SegmentSettings
 
 
 def progress(
-    states: Float[Array, "N C"],
     after: Float[Array, "N C"],
     before: Float[Array, "N C"],
     moved: Bool[Array, "N C"],
     demonstration: Int[Array, " N"],
     settings: SegmentSettings,
 ) -> Float[Array, " N"]:
-    """The progress of a state of each of N acts, by the columns that it moves and the acts of other demonstrations;
-    NaN where it moves nothing that others move. Acts are sorted by demonstration."""
-    total, count = np.zeros(len(states)), np.zeros(len(states))
+    """Progress of N acts, sorted by demonstration, in nats: the mean of log f - log g over the columns that each moves.
+
+    f is the density, at the value that it leaves, of the values that acts of other demonstrations leave, and g of those
+    that they take; NaN where fewer than `least_acts` move any of its columns.
+    """
+    total, count = np.zeros(len(after)), np.zeros(len(after))
     for c in np.flatnonzero(moved.any(axis=0)):
         own = moved[:, c]
-        f, n = near(states[own, c], after[own, c], demonstration[own], settings.near)
-        g, _ = near(states[own, c], before[own, c], demonstration[own], settings.near)
-        usual = settings.prior_acts * 2 * settings.near
-        total[own] += np.where(n >= settings.least_acts, np.log((f + usual) / (g + usual)), 0.0)
-        count[own] += n >= settings.least_acts
+        at, of = after[own, c], demonstration[own]
+        f, g = (near(at, values[own, c], of, settings.near) + 2 * settings.near for values in (after, before))
+        tells = len(at) - np.bincount(of)[of] >= settings.least_acts
+        total[own] += np.where(tells, np.log(f / g), 0.0)
+        count[own] += tells
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def near(
     at: Float[Array, " K"], values: Float[Array, " K"], demonstration: Int[Array, " K"], width: float
-) -> tuple[Int[Array, " K"], Int[Array, " K"]]:
-    """How many values of other demonstrations lie within `width` of each of `at`, and how many these have."""
-    ordered, n = np.sort(values), np.empty(len(at), dtype=int)
-    counts = np.searchsorted(ordered, at + width, side="right") - np.searchsorted(ordered, at - width)
-    edges = np.flatnonzero(np.diff(demonstration, prepend=-1, append=-1))
-    for a, b in pairwise(edges.tolist()):
-        counts[a:b] -= (np.abs(at[a:b, None] - values[a:b]) <= width).sum(axis=1)
-        n[a:b] = len(at) - (b - a)
-    return counts, n
+) -> Int[Array, " K"]:
+    """How many values of other demonstrations lie within `width` of each of `at`."""
+    ordered, low, high = np.sort(values), at - width, at + width
+    counts = np.searchsorted(ordered, high, side="right") - np.searchsorted(ordered, low)
+    for a, b in pairwise(np.flatnonzero(np.diff(demonstration, prepend=-1, append=-1)).tolist()):
+        counts[a:b] -= ((values[a:b] >= low[a:b, None]) & (values[a:b] <= high[a:b, None])).sum(axis=1)
+    return counts

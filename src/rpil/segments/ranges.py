@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 
 import numpy as np
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, replacing
-from rpil.segments.table import KINDS, Segments
+from rpil.segments.kinds import KINDS, Segments
 
 
 def keys_of(pattern: str, ids: Iterable[Hashable], column: Callable[[str], Mapping[str, str]]) -> list[str]:
@@ -22,7 +23,7 @@ def keys_of(pattern: str, ids: Iterable[Hashable], column: Callable[[str], Mappi
     each = ((values[part].get(name, "") if k % 2 else part for k, part in enumerate(parts)) for name in names)
     keys = [*map("".join, each)]
     if len({*keys}) < len(keys):
-        twice = next(key for k, key in enumerate(keys) if key in keys[:k])
+        [(twice, _)] = Counter(keys).most_common(1)
         raise DataError(f"{pattern!r}: two have the key {twice!r:.80}; name columns in braces that differ, as {{id}}.")
     return keys
 

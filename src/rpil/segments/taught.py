@@ -1,8 +1,4 @@
-"""Answers about segments: P(good) of every act, from simple columns of those that were marked.
-
-The regression is that of demonstrations (`rpil.inference.answered`): the ranking counts beforehand, all else once
-answers contrast.
-"""
+"""Answers about segments: P(good) of every one, by the regression of demonstrations (`rpil.inference.answered`)."""
 
 from __future__ import annotations
 
@@ -15,30 +11,27 @@ from scipy.special import expit
 from rpil.inference.answered import answer
 from rpil.inference.answers import Answers
 from rpil.inference.channels import normal_scores
-from rpil.inference.settings import AnswerSettings
 from rpil.numerics.types import Array, Float, Int
-from rpil.segments.table import Segments
+from rpil.segments.kinds import Segments
+from rpil.segments.settings import SegmentSettings
 
 Label = tuple[int, int, int, bool]
 """The number of a demonstration, its first row, the row after the last, and whether these are good."""
 
 
-def taught(segments: Segments, facts: Float[Array, "N F"], labels: Sequence[Label]) -> Segments:
-    """The same with P(good) as score, learned from the facts of each segment, where two marked segments contrast."""
+def taught(
+    segments: Segments, facts: Float[Array, "N F"], labels: Sequence[Label], settings: SegmentSettings
+) -> Segments:
+    """The same with P(good) as score, learned from the score and `facts`, where one label is good and one bad."""
     known = Answers.of_labels(marked(segments, labels))
     if not known.contrast:
         return segments
-    middle = np.nanmedian(segments.score) if np.isfinite(segments.score).any() else 0.0
-    score = np.nan_to_num(segments.score - middle)
-    length = np.log(segments.end - segments.start)
-    others = normal_scores(np.nan_to_num(np.column_stack([facts, length])))
-    columns = np.column_stack([normal_scores(score[:, None]), others, np.clip(score, -2, 2)])
-    found = answer(columns, known, AnswerSettings(), np.arange(len(columns)))
-    is_new = (found.verdicts < 0) & (known.labels == 0)
-    reasons = [
-        reason or ("is like what was marked bad" if new else "")
-        for reason, new in zip(segments.reason, is_new.tolist(), strict=True)
-    ]
+    score = np.nan_to_num(segments.score)
+    columns = np.column_stack([normal_scores(np.column_stack([score, np.nan_to_num(facts)])), np.clip(score, -2, 2)])
+    found = answer(columns, known, settings.answers, np.arange(len(columns)))
+    is_new = ((found.verdicts < 0) & (known.labels == 0)).tolist()
+    like = ["is like what was marked bad" if new else "" for new in is_new]
+    reasons = [reason or other for reason, other in zip(segments.reason, like, strict=True)]
     return replace(segments, score=expit(found.log_odds), reason=reasons)
 
 

@@ -21,7 +21,7 @@ from rpil.results.html.page import About, write_page
 from rpil.results.judged import TracedPart, Traces
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit, Demonstrator
-from rpil.segments.table import Segments
+from rpil.segments.kinds import Segments
 
 pytestmark = [pytest.mark.slow, needs_chromium]
 
