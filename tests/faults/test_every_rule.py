@@ -110,7 +110,7 @@ PLANTED = {
         {"observations": wrapped(X)},
         *(WHOLE, "observation 1", "observation 1 wraps: it leaps by 6.283", 4.0),
     ),
-    "pause": (inserted(70, 60), (68, 132), "", "nothing moves for 65 steps from step 68", 65 / settings.LONG_IDLE),
+    "pause": (inserted(70, 60), (68, 132), "", "nothing moves for 65 steps from step 68", 65 / 12),
     "never moves": (
         {"actions": np.where(SECOND < 0, A[:1], A)},
         *(WHOLE, "action 1", "action 1 does not move, and in the others it does", 2.7942906),

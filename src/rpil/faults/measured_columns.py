@@ -52,8 +52,8 @@ class MeasuredColumns:
 
     def motion_of(self, size: Float[Array, "C T"]) -> Float[Array, " T"]:
         """Mean over the columns of the size of their change, relative to their usual one and at most 3."""
-        moved = np.minimum(size / self.scale[:, None], 3.0)
-        return np.asarray(moved.mean(axis=0)) if len(moved) else np.zeros(size.shape[1])
+        moved = size / self.scale[:, None]
+        return np.asarray(np.minimum(moved, 3.0, out=moved).mean(axis=0)) if len(moved) else np.zeros(size.shape[1])
 
 
 @dataclass(frozen=True, eq=False)

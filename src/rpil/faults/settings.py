@@ -69,6 +69,7 @@ LEAST_RELATED = 0.5  # correlation of an observation with an action from which o
 SAME_UNIT = 0.3  # of a slope, or a logarithm of it, from 1 within which a command is in the unit of its state
 TRACKS, SURE = 0.5, 0.8  # squared correlation from which a state follows its command, and from which that is sure
 GAP_QUANTILES, GAP_WIDTH = (0.05, 0.5, 0.95), 3.29  # of command less state; standard deviations between them
+GAP_STEPS = 200  # spread over the demonstration, or twice as many, of which these are taken
 ERRORS, LEAST_GAP = 3.0, 0.2  # tracking errors, and spreads of the action, that command and state lie apart
 LEAST_USUAL_GAP = 0.5  # spreads of the action, where many lie apart
 OTHER_FITS = 5.0  # times less of an action is left by another state than by its own
