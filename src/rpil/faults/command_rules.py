@@ -26,7 +26,9 @@ class CommandRule(ComparingRule):
         state, (M, P); the steps that states need for the distance, (M,); and `misfits`."""
         pairs, found, turn = learned.tracked, [], block.turn[learned.tracked.action, None]
         for actions, states in parts_of(block, pairs):
-            gap = (actions - pairs.slope[:, None] * states)[:, :: max(actions.shape[1] // settings.GAP_STEPS, 1)]
+            gap = (actions - pairs.slope[:, None] * states)[
+                :, :: max(actions.shape[1] // 200, 1)
+            ]  # enough for quantiles
             at = [round(q * (gap.shape[1] - 1)) for q in settings.GAP_QUANTILES]
             gap = np.partition(gap, at, axis=1)
             gap = gap[:, at] - turn * np.rint(gap[:, at[1:2]] / np.where(turn > 0, turn, np.inf))

@@ -208,7 +208,7 @@ def _turn(values: Float[Array, " T"], change: Float[Array, " T"], size: Float[Ar
             leaps = np.flatnonzero(size >= settings.NEAR_TURN * turn)
             before = values[leaps - 1] - values[np.maximum(leaps - settings.APPROACH, 0)]
             before = np.where(np.abs(before) > turn / 2, change[leaps], before)  # it leapt just before
-            comes = (before * change[leaps] < 0).mean() >= settings.MOST_APPROACH
+            comes = (before * change[leaps] < 0).mean() > 0.5
             others = np.delete(
                 size, leaps
             )  # beside which nothing is left of a leap that is one of noise where it wraps

@@ -82,19 +82,19 @@ def are_strangers(sample: MovingBlock) -> bool:
     """Whether states go with the actions of other demonstrations as well as with those of their own: in what is special
     of each, its means over parts of time less those of all. Nothing is known where that does not last."""
     columns, n = sample.columns, len(sample.numbers)
-    profile = np.moveaxis(part_means(sample.values, sample.offsets, settings.SPECIAL_PARTS), 2, 0)  # (C, M, K)
+    profile = np.moveaxis(part_means(sample.values, sample.offsets, 4 * settings.PARTS), 2, 0)  # (C, M, K)
     own = (profile - profile.mean(axis=1, keepdims=True)) / np.maximum(columns.spread, 1e-300)[:, None, None]
     power = (own**2).mean(axis=(1, 2))
-    lasting = (own[..., 1:] * own[..., :-1]).mean(axis=(1, 2)) >= settings.SPECIAL_MEMORY * power
-    lasting &= (np.sqrt(power) >= settings.LEAST_SPECIAL) & (columns.memory >= settings.LEAST_MEMORY)
+    lasting = (own[..., 1:] * own[..., :-1]).mean(axis=(1, 2)) >= settings.LEAST_RELATED * power
+    lasting &= (np.sqrt(power) >= settings.LEAST_SPREAD) & (columns.memory >= settings.LEAST_MEMORY)
     actions, states = own[lasting & columns.is_action], own[lasting & ~columns.is_action]
-    if n < settings.SPECIAL_ROLLS or not len(actions) or not len(states):
+    if n < settings.PARTS or not len(actions) or not len(states):
         return False
     both = [np.concatenate([states, np.gradient(states, axis=2)])]
-    both += [np.roll(actions, k, axis=1) for k in range(settings.SPECIAL_ROLLS)]
+    both += [np.roll(actions, k, axis=1) for k in range(settings.PARTS)]
     series, *rolled = (x.reshape(len(x), -1) / np.sqrt((x**2).sum(axis=(1, 2)) + 1e-300)[:, None] for x in both)
     own_best, *best = (float(np.abs(x @ series.T).max()) for x in rolled)
-    return own_best < min(settings.GOES_WITH, np.mean(best) + settings.ERRORS * np.std(best))
+    return own_best < min(settings.SURE, np.mean(best) + settings.ERRORS * np.std(best))
 
 
 def parts_of(block: MovingBlock, pairs: Tracked) -> Iterator[tuple[Array, Array]]:
