@@ -224,11 +224,73 @@ def scaled(rng, n):
     return [(s, a / 60) for s, a in _picks(rng, n, 2, 0.2)]
 
 
+def wheels(rng, n):
+    """Two wheels are given speeds towards a point; position, heading as sine and cosine, and their speeds."""
+    made = []
+    for _ in range(n):
+        x, heading, speed, goal, rows = rng.normal(size=2), rng.uniform(-3, 3), np.zeros(2), 4 * rng.normal(size=2), []
+        for _ in range(rng.integers(100, 220)):
+            to = goal - x
+            off = (np.arctan2(to[1], to[0]) - heading + np.pi) % (2 * np.pi) - np.pi
+            a = (
+                min(1, np.hypot(*to))
+                + 0.3 * np.clip(2 * off, -1.5, 1.5) * np.array([-1, 1])
+                + 0.03 * rng.normal(size=2)
+            )
+            rows.append([*x, np.cos(heading), np.sin(heading), *speed, *to, *a])
+            speed = speed + 0.5 * (a - speed)
+            heading += 0.1 * (speed[1] - speed[0]) / 0.6
+            x = x + 0.1 * speed.mean() * np.array([np.cos(heading), np.sin(heading)])
+        made.append((np.array(rows)[:, :8], np.array(rows)[:, 8:]))
+    return made
+
+
+def gaits(rng, n):
+    """Twelve joints of legs in a rhythm of their own, and their speeds."""
+    made, phase = [], np.arange(12) % 4 * np.pi / 2
+    for _ in range(n):
+        t = np.arange(rng.integers(250, 400))[:, None]
+        a = 0.3 * np.sin(0.25 * rng.uniform(0.8, 1.2) * t + rng.uniform(0, 6) + phase) + 0.02 * rng.normal(
+            size=(len(t), 12)
+        )
+        s = followed(a, 1, 0.5, 0.005, rng)
+        made.append((np.c_[s, 50 * np.gradient(s, axis=0)], a))
+    return made
+
+
+def dead_zones(rng, n):
+    """Speeds by a stick that is exactly 0 near its middle."""
+    made = []
+    for _ in range(n):
+        t = np.arange(rng.integers(200, 320))[:, None]
+        stick = sum(
+            rng.uniform(0.2, 0.6, 4) * np.sin(t / rng.uniform(10, 40, 4) + rng.uniform(0, 6, 4)) for _ in range(2)
+        )
+        a = np.where(np.abs(stick) < 0.15, 0, np.clip(stick - 0.15 * np.sign(stick), -1, 1))
+        x = 0.1 * rng.normal(size=4) + np.cumsum(np.r_[np.zeros((1, 4)), 0.02 * a[:-1]], 0)
+        made.append((x + 0.0005 * rng.normal(size=x.shape), a))
+    return made
+
+
+def operators(rng, n):
+    """Three people, one after the other: one slower, one with another bend, all with hands that tremble differently."""
+    made = []
+    for m in range(n):
+        k = 3 * m // n
+        points = np.array([[0, -90, 80, 60], [-30, 10, 15, 35], [40, 0, 10, 30], [0, -90, 80, 60]])
+        points = points + [[1], [8], [5], [1]] * rng.normal(size=(4, 4))
+        path = through(points, (rng.integers(40, 60, 3) * (1, 1.3, 0.75)[k]).astype(int))
+        bend = np.sin(np.pi * np.linspace(0, 1, len(path)))[:, None] * np.array([0, 8, -5, 4]) * (0, 1, -1)[k]
+        command = path + bend + (0.2, 0.4, 0.1)[k] * rng.normal(size=path.shape)
+        made.append((followed(command, 2, 0.7, 0.1, rng), command))
+    return made
+
+
 WORLDS: dict[str, Callable[[np.random.Generator, int], Episodes]] = {
     f.__name__: f
     for f in (
         *(slow_targets, picks, ticks, two_ways, two_hands, teleoperation, holds, next_states, drives, velocities),
-        *(deltas, short_reaches, keys, jerks, three_tasks, scaled),
+        *(deltas, short_reaches, keys, jerks, three_tasks, scaled, wheels, gaits, dead_zones, operators),
     )
 }
 
@@ -360,6 +422,24 @@ def zeros(s, a, rng):
     return (s, a)
 
 
+def moved_both(s, a, rng):
+    """State and action of a joint, together."""
+    off = 60 if np.abs(s[:, 1]).max() > 10 else 3
+    s[:, 1] += off
+    a[:, 1] += off
+    return s, a
+
+
+def radians_both(s, a, rng):
+    return s / 57.29578, a / 57.29578
+
+
+def stopped_action(s, a, rng):
+    """One action stays from a step on while its state goes on."""
+    a[len(a) // 3 :, 1] = a[len(a) // 3, 1]
+    return s, a
+
+
 def other_range(s, a, rng):
     """What is in [-1, 1], and touches it, is stretched."""
     if not (np.abs(a).max() == 1 and np.abs(a[:, 0]).max() == 1):
@@ -381,6 +461,7 @@ KINDS = {
         *(stuck, all_frozen, spike, repeated_rows, dropped_rows, late_actions, idle_tail, idle_head, pause),
         *(swapped_actions, swapped_states, swapped_both, offset_state, offset_action, turned_action, turned_state),
         *(radians, action_is_state, wraps, constant_action, zeros, other_range, other_hand),
+        *(moved_both, radians_both, stopped_action),
     )
 }
 

@@ -212,11 +212,10 @@ def without_consequences(findings: Iterable[Fault]) -> list[Fault]:
         if worst.setdefault((fault.rule, fault.id, fault.column if fault.id == "" else ""), fault) is fault:
             of_id[fault.id].append(fault)
 
-    def causes_of(name: Id) -> Iterable[Fault]:
-        return of_id[name] if name == "" else (*of_id[name], *of_id[""])
-
     def stands(fault: Fault) -> bool:
         rule = RULES[fault.rule]
-        return not any(c.rule in rule.causes and rule.follows(fault, c) and stands(c) for c in causes_of(fault.id))
+        return not any(
+            c.rule in rule.causes and rule.follows(fault, c) and stands(c) for c in (*of_id[fault.id], *of_id[""])
+        )
 
     return [fault for fault in worst.values() if stands(fault)]

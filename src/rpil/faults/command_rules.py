@@ -26,10 +26,13 @@ class CommandRule(ComparingRule):
         state, (M, P); the steps that states need for the distance, (M,); and `misfits`."""
         pairs, found, turn = learned.tracked, [], block.turn[learned.tracked.action, None]
         for actions, states in parts_of(block, pairs):
-            gap = np.sort(actions - pairs.slope[:, None] * states, axis=1)
-            gap -= turn * np.rint(np.median(gap, axis=1, keepdims=True) / np.where(turn > 0, turn, np.inf))
+            gap = (actions - pairs.slope[:, None] * states)[
+                :, :: max(actions.shape[1] // 200, 1)
+            ]  # enough for quantiles
             at = [round(q * (gap.shape[1] - 1)) for q in settings.GAP_QUANTILES]
-            found.append((*relation(actions, states, pairs.is_command), *gap[:, at].T))
+            gap = np.partition(gap, at, axis=1)
+            gap = gap[:, at] - turn * np.rint(gap[:, at[1:2]] / np.where(turn > 0, turn, np.inf))
+            found.append((*relation(actions, states, pairs.is_command), *gap.T))
         left = misfits(block, pairs) if pairs.fits.any() else np.ones((len(found), 2 * settings.MAX_SHIFT + 1))
         own, of = pairs.state[pairs.fits], pairs.action[pairs.fits]
         scale = block.columns.scale[own, None]  # with leaps as large as ten usual changes at most

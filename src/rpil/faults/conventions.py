@@ -48,8 +48,8 @@ class OutsideRange(ComparingRule):
         severity = np.nan_to_num((top - self.limits) / np.where(ranges > 0, ranges, np.nan)) / settings.BEYOND_LIMIT
         # What has the limit among its values has one more of them, unless it belongs to a task or beyond [-1, 1]; and
         # what measures may begin where others end.
-        tasks = np.array(data.of_each("task"))
-        of_task = np.array([not {*tasks[rows]} & {*tasks[~rows], ""} for rows in severity.T > 1], dtype=bool)
+        tasks = data.of_each("task")
+        of_task = np.array([is_split(tasks, rows) for rows in severity.T > 1], dtype=bool)
         own = np.tile((self.limits == 1.0).reshape(2, n).all(axis=0), 2) | of_task
         some = (severity > 1).sum(axis=0) <= few(len(data.ids))
         severity = severity * ((self.limits == 1.0) | ((some | of_task) & ~np.isin(self.names, self.columns.names)))
@@ -163,7 +163,7 @@ class Conventions(ComparingRule):
         for kind in dict.fromkeys(kind for kind, _ in told.values()):
             (c, said), *others = ((c, said) for c, (of, said) in told.items() if of == kind)
             which, rest = in_words(ids, self.data.ids, self.data.groups), f"the other {len(rows) - len(ids):,}"
-            more = f"; the same in {counted(len(others), 'more column')}" if others else ""
+            more = f"; the same in {counted(len(others), 'more column')}" if others and kind[:5] != "order" else ""
             sentence = f"{which}: {said} than in {rest}; which is right cannot be known{more}"
             rule = Units.name if kind == "unit" else self.name
             yield Fault(rule, "", 0, 0, self.columns.names[c], share, 0.0, 1.0 + share, sentence, ids)
@@ -176,7 +176,7 @@ class Conventions(ComparingRule):
         told += [of == name for name in sorted({*of.tolist()})]
         told = [rows if (rows.sum(), rows[0]) <= (n / 2, False) else ~rows for rows in told]
         counts = Counter(rows.tobytes() for rows in told if rows.sum() > 1)
-        return [np.frombuffer(rows, dtype=bool) for rows, _ in counts.most_common(settings.MOST_PARTS)]
+        return [np.frombuffer(rows, dtype=bool) for rows, _ in counts.most_common(settings.MIN_DISTINCT)]
 
     def told(self, rows: Bool[Array, " M"]) -> dict[int, tuple[str, str]]:
         """What columns a part has otherwise: the kind, and what is seen; none unless all columns are as in the rest
@@ -188,7 +188,7 @@ class Conventions(ComparingRule):
         whole = (alike | ~known | np.isin(np.arange(len(known)), [*found])).mean()
         units = np.mean([found.get(c, ("",))[0] == "unit" for c in range(len(known))])
         few_alike = (alike & moves & known).sum() < 2
-        if units >= settings.MOST_UNITS:
+        if units >= settings.SURE:
             return {c: way for c, way in found.items() if way[0] == "unit"}
         if whole < 1 or few_alike:
             return {}
@@ -274,5 +274,7 @@ def two_groups(values: Float[Array, "M F"]) -> Iterator[Bool[Array, " M"]]:
     within = (off**2).sum(axis=0) - between
     between[[0, -1]] = 0.0
     at = between.argmax(axis=0)
-    is_change = between[at, columns] > settings.CHANGE / max(m - 2, 1) * np.maximum(within[at, columns], 1e-300)
+    is_change = between[at, columns] > (2.0 * settings.BY_CHANCE) ** 2 / max(m - 2, 1) * np.maximum(
+        within[at, columns], 1e-300
+    )
     yield from (np.arange(m)[:, None] > at[is_change]).T

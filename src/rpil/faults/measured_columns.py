@@ -52,8 +52,8 @@ class MeasuredColumns:
 
     def motion_of(self, size: Float[Array, "C T"]) -> Float[Array, " T"]:
         """Mean over the columns of the size of their change, relative to their usual one and at most 3."""
-        moved = np.minimum(size / self.scale[:, None], 3.0)
-        return np.asarray(moved.mean(axis=0)) if len(moved) else np.zeros(size.shape[1])
+        moved = size / self.scale[:, None]
+        return np.asarray(np.minimum(moved, 3.0, out=moved).mean(axis=0)) if len(moved) else np.zeros(size.shape[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +225,7 @@ def _turn(values: Float[Array, " T"], change: Float[Array, " T"], size: Float[Ar
             leaps = np.flatnonzero(size >= settings.NEAR_TURN * turn)
             before = values[leaps - 1] - values[np.maximum(leaps - settings.APPROACH, 0)]
             before = np.where(np.abs(before) > turn / 2, change[leaps], before)  # it leapt just before
-            comes = (before * change[leaps] < 0).mean() >= settings.MOST_APPROACH
+            comes = (before * change[leaps] < 0).mean() > 0.5
             others = np.delete(
                 size, leaps
             )  # beside which nothing is left of a leap that is one of noise where it wraps

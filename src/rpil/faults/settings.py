@@ -78,25 +78,18 @@ IS_STATE = 0.05  # share of what is left beside, below which the state of the sa
 LAG_PAIRS = 16  # that tell it, at most
 LAG_FITS, LAG_BETTER = 0.3, 2.0  # share that is left where a lag is known; times more at others, squared one step off
 
-# What is special of each demonstration
-SPECIAL_PARTS, SPECIAL_ROLLS = 32, 8  # parts of time, and others with which it is compared, and itself
-SPECIAL_MEMORY, LEAST_SPECIAL = 0.5, 0.05  # correlation from part to part; spreads
-GOES_WITH = 0.8  # correlation from which a state goes with an action
-
 # The whole set
 TOUCHED = 0.6  # share of the demonstrations within a limit that touch it
 BEYOND_LIMIT = 0.05  # share of the range of an action that passes a limit
 GOES_ON = 1.2  # mean logarithm of the change, in usual ones and 1 more, to the next demonstration, if it goes on
 APART, ALIKE = 2.0, 0.15  # ranges that two groups lie apart; share of motion by which they may differ once undone
-CHANGE, MOST_PARTS = 60.0, 12  # F ratio of a change in order, and ways to part a set, that are looked at
 BY_CHANCE = 4.0  # standard errors by which two parts that are alike differ
-MOST_UNITS = 0.7  # share of the columns in another unit, which need no other column to tell that
 NEAR_STATE = 0.25  # spreads of each column that states lie apart which are near, whose actions are compared
 
 # Angles that wrap
 TURNS = (360.0, 6.283185307179586, 1024.0, 4096.0, 8192.0, 16384.0, 65536.0)  # degrees, radians, encoders
 NEAR_TURN, WITHIN_TURN = 0.85, 1.01  # share of a turn of a leap at least, and of all values at most
-APPROACH, MOST_APPROACH = 4, 0.6  # steps before a leap in which it came nearer, in so many of the leaps
+APPROACH = 4  # steps before a leap in which it came nearer, in most of the leaps
 
 # Whole demonstrations
 LENGTH_FACTOR = 2.0  # * times the usual length, or its inverse, and the usual squared distance of last steps

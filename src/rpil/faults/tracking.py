@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rpil.faults import settings
+from rpil.faults.lag import centred
 from rpil.faults.measured_columns import MovingBlock, part_means
 from rpil.numerics.types import Array, Bool, Float, Int
 
@@ -81,19 +82,19 @@ def are_strangers(sample: MovingBlock) -> bool:
     """Whether states go with the actions of other demonstrations as well as with those of their own: in what is special
     of each, its means over parts of time less those of all. Nothing is known where that does not last."""
     columns, n = sample.columns, len(sample.numbers)
-    profile = np.moveaxis(part_means(sample.values, sample.offsets, settings.SPECIAL_PARTS), 2, 0)  # (C, M, K)
+    profile = np.moveaxis(part_means(sample.values, sample.offsets, 4 * settings.PARTS), 2, 0)  # (C, M, K)
     own = (profile - profile.mean(axis=1, keepdims=True)) / np.maximum(columns.spread, 1e-300)[:, None, None]
     power = (own**2).mean(axis=(1, 2))
-    lasting = (own[..., 1:] * own[..., :-1]).mean(axis=(1, 2)) >= settings.SPECIAL_MEMORY * power
-    lasting &= (np.sqrt(power) >= settings.LEAST_SPECIAL) & (columns.memory >= settings.LEAST_MEMORY)
+    lasting = (own[..., 1:] * own[..., :-1]).mean(axis=(1, 2)) >= settings.LEAST_RELATED * power
+    lasting &= (np.sqrt(power) >= settings.LEAST_SPREAD) & (columns.memory >= settings.LEAST_MEMORY)
     actions, states = own[lasting & columns.is_action], own[lasting & ~columns.is_action]
-    if n < settings.SPECIAL_ROLLS or not len(actions) or not len(states):
+    if n < settings.PARTS or not len(actions) or not len(states):
         return False
     both = [np.concatenate([states, np.gradient(states, axis=2)])]
-    both += [np.roll(actions, k, axis=1) for k in range(settings.SPECIAL_ROLLS)]
+    both += [np.roll(actions, k, axis=1) for k in range(settings.PARTS)]
     series, *rolled = (x.reshape(len(x), -1) / np.sqrt((x**2).sum(axis=(1, 2)) + 1e-300)[:, None] for x in both)
     own_best, *best = (float(np.abs(x @ series.T).max()) for x in rolled)
-    return own_best < min(settings.GOES_WITH, np.mean(best) + settings.ERRORS * np.std(best))
+    return own_best < min(settings.SURE, np.mean(best) + settings.ERRORS * np.std(best))
 
 
 def parts_of(block: MovingBlock, pairs: Tracked) -> Iterator[tuple[Array, Array]]:
@@ -116,13 +117,15 @@ def squared_correlation(actions: Float[Array, "A T"], states: Float[Array, "S T"
 def relation(actions: Float[Array, "P T"], states: Float[Array, "P T"], is_command: bool) -> tuple[Array, ...]:
     """Slope and squared correlation of each action with its own state; the other state that goes with it best; and the
     shares of its variance that its own state, as it is for commands, and the other leave."""
-    share, own = squared_correlation(actions, states), np.arange(len(actions))
-    a, s = (values - values.mean(axis=1, keepdims=True) for values in (actions, states))
-    power = np.maximum((a**2).sum(axis=1), 1e-300)
-    slope = np.sign((a * s).sum(axis=1)) * np.sqrt(power / np.maximum((s**2).sum(axis=1), 1e-300))
+    own, (u, v) = np.arange(len(actions)), (x.mean(axis=1, keepdims=True) for x in (actions, states))
+    a, s = actions - u, states - v
+    both, power, other = a @ s.T, np.einsum("pt,pt->p", a, a), np.einsum("pt,pt->p", s, s)
+    every = np.outer(power, other)
+    share, power = both**2 / np.where(every > 0, every, np.inf), np.maximum(power, 1e-300)
+    slope = np.sign(both[own, own]) * np.sqrt(power / np.maximum(other, 1e-300))
     left = 1.0 - share
     if is_command:
-        squares = (actions**2).sum(axis=1)[:, None] + (states**2).sum(axis=1) - 2.0 * actions @ states.T
+        squares = power[:, None] + other - 2.0 * both + actions.shape[1] * (u - v.T) ** 2
         left = np.maximum(squares, 0.0) / power[:, None]
     mine = left[own, own]
     left[own, own] = np.inf
@@ -134,19 +137,25 @@ def misfits(block: MovingBlock, pairs: Tracked) -> Float[Array, "M K"]:
     """Share of the variance of the actions that is left where the states are taken later by -L to L steps, over all
     pairs, each in its usual spread."""
     fits = np.flatnonzero(pairs.fits)[: settings.LAG_PAIRS]
-    own, offsets, lengths = pairs.action[fits], block.offsets, np.diff(block.offsets)
+    own, begin, end = pairs.action[fits], block.offsets[:-1], block.offsets[1:]
     spread = block.columns.spread[own, None]
-    actions = block.values[own] / spread
-    states = block.values[pairs.state[fits]] * pairs.slope[fits, None] / spread
-    begin, end, at = *(np.repeat(each, lengths) for each in (offsets[:-1], offsets[1:])), np.arange(offsets[-1])
-    variances = []
+    actions = centred(block.values[own] / spread, block.offsets)
+    states = centred(block.values[pairs.state[fits]] * (pairs.slope[fits, None] / spread), block.offsets)
+    sums = [_totals(x) for x in (actions, states)], [_totals(np.einsum("pt,pt->t", x, x)) for x in (actions, states)]
+    left = []
     for lag in range(-settings.MAX_SHIFT, settings.MAX_SHIFT + 1):
-        inside = (at + lag >= begin) & (at + lag < end)  # else the state is of another demonstration
-        variances.append(_variance((actions - np.roll(states, -lag, axis=1)) * inside, lengths - abs(lag), offsets))
-    return np.asarray(np.stack(variances, axis=1) / np.maximum(_variance(actions, lengths, offsets), 1e-12)[:, None])
+        first = np.minimum([begin + max(-lag, 0), begin + max(lag, 0)], end)  # of actions, and of states
+        n, steps = np.maximum(end - begin - abs(lag), 0), actions.shape[1]
+        both = (x[:, k : steps - abs(lag) + k] for x, k in ((actions, max(-lag, 0)), (states, max(lag, 0))))
+        product = _totals(np.einsum("pt,pt->t", *both))
+        at = np.minimum([begin, begin + n], len(product) - 1)
+        (a, s), (aa, ss) = ([x[..., k + n] - x[..., k] for x, k in zip(of, first, strict=True)] for of in sums)
+        n = np.maximum(n, 1)
+        left.append((aa + ss - 2.0 * (product[at[1]] - product[at[0]])) / n - (((a - s) / n) ** 2).sum(axis=0))
+    power = sums[1][0][end] - sums[1][0][begin]
+    return np.asarray(np.maximum(left, 0.0).T / np.maximum(power / (end - begin), 1e-12)[:, None])
 
 
-def _variance(values: Float[Array, "P T"], steps: Int[Array, " M"], offsets: Int[Array, " _"]) -> Float[Array, " M"]:
-    """Of so many steps of each demonstration that are not 0, the sum over the rows."""
-    mean, square = (np.add.reduceat(x, offsets[:-1], axis=1) / np.maximum(steps, 1) for x in (values, values**2))
-    return np.asarray(np.maximum(square - mean**2, 0.0).sum(axis=0))
+def _totals(values: Array) -> Array:
+    """Sums of the first 0, 1, ... steps."""
+    return np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)
