@@ -20,7 +20,12 @@ main()
 ABSENT = {"sklearn", "scipy.optimize", "scipy.stats", "pandas", "matplotlib", "jinja2", "jaxtyping"}
 
 
-@pytest.mark.parametrize(("command", "also_absent"), [("audit", set()), ("info", {"scipy", "rpil.estimators"})])
+WITHOUT_SCIPY = {"scipy", "rpil.estimators"}
+
+
+@pytest.mark.parametrize(
+    ("command", "also_absent"), [("audit", set()), ("info", WITHOUT_SCIPY), ("check", WITHOUT_SCIPY)]
+)
 def test_libraries_that_take_long_are_not_imported(command, also_absent, tmp_path):
     path = tmp_path / "drive.csv"
     TOOL["write_demonstrations"](path)

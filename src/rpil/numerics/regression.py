@@ -6,10 +6,9 @@ a_j = x w_j + sigma_j e_j,    e_j ~ t_nu independent over the parts j of an acti
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import lgamma
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.special import gammaln
 
 from rpil.numerics.types import Array, Float, Int, Num
 
@@ -108,6 +107,8 @@ def solve_ridge(
 
     `ridge` is the penalty a step, `total` the sum of the weights; see `normal_equations`.
     """
+    from scipy.linalg import cho_factor, cho_solve  # which `rpil check` does without
+
     total = max(total, MIN_WEIGHT)
     penalised = np.array(gram, dtype=float)
     penalised[np.diag_indices_from(penalised)] += np.append(np.full(len(gram) - 1, ridge * total), 1e-9 * total)
@@ -127,5 +128,5 @@ def student_log_densities(
 ) -> Float[Array, "*shape"]:
     """Log-densities of Student errors of any shape, each with its `scale`, in nats."""
     nu = settings.degrees_of_freedom
-    constant = gammaln((nu + 1) / 2) - gammaln(nu / 2) - 0.5 * np.log(nu * np.pi)
+    constant = lgamma((nu + 1) / 2) - lgamma(nu / 2) - 0.5 * np.log(nu * np.pi)
     return np.asarray(constant - np.log(scale) - (nu + 1) / 2 * np.log1p((errors / scale) ** 2 / nu))
