@@ -247,12 +247,16 @@ def _inverses(hessian: Array) -> Array:
 
 
 def _whole_hessian(features: Array, proba: Array, weight: Array) -> Array:
-    """The Hessian (K D, K D) with the blocks X^T diag(s p_k (1[k = l] - p_l)) X."""
+    """The Hessian (K D, K D) with the blocks X^T diag(s p_k (1[k = l] - p_l)) X: as probabilities sum to 1, those on the
+    diagonal are sums of the others."""
     n_features, n_actions = features.shape[1], proba.shape[1]
-    hessian = np.empty((n_actions, n_features, n_actions, n_features))
+    hessian = np.zeros((n_actions, n_features, n_actions, n_features))
     for k in range(n_actions):
-        for j in range(k + 1):
-            curvature = (weight * proba[:, k] * (float(j == k) - proba[:, j])).astype(features.dtype, copy=False)
-            hessian[k, :, j] = (features.T * curvature) @ features
-            hessian[j, :, k] = hessian[k, :, j].T
+        for j in range(k):
+            root = np.sqrt(weight * proba[:, k] * proba[:, j])[:, None].astype(features.dtype, copy=False)
+            scaled = features * root
+            shared = scaled.T @ scaled  # takes half of X^T Y
+            hessian[k, :, j] = hessian[j, :, k] = -shared
+            hessian[k, :, k] += shared
+            hessian[j, :, j] += shared
     return hessian.reshape(n_actions * n_features, -1)
