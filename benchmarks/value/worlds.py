@@ -18,7 +18,7 @@ import more_experts  # noqa: F401 (makes these known)
 from rpil import rollout, simulate
 from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.types import Array
-from rpil.simulation.simulate import KINDS
+from rpil.simulation.simulate import BAD_KINDS
 from value import pushing
 from value.operators import BAD, GOOD, Operator
 
@@ -131,7 +131,7 @@ def scaled_return(task: str, returns: Array) -> Array:
 def _game_demonstrations(task: str, n_good: int, n_bad: int, rng: np.random.Generator) -> Made:
     """The library's expert, and corruptions of it. An outcome is that of the episode as it was played, before most
     corruptions: one who knows outcomes knows little here."""
-    kinds = sorted(rng.choice(KINDS, KINDS_OF_A_WORLD, replace=False).tolist())
+    kinds = sorted(rng.choice(BAD_KINDS, KINDS_OF_A_WORLD, replace=False).tolist())
     seeds = rng.integers(2**31, size=1 + len(kinds)).tolist()
     counts = np.bincount(np.arange(n_bad) % len(kinds), minlength=len(kinds)).tolist()
     parts = [("expert", simulate(task, kinds[0], n_good=n_good, n_bad=0, seed=seeds[0]))] if n_good else []

@@ -9,7 +9,7 @@ import numpy as np
 
 import more_experts  # noqa: F401 (makes these known)
 from rpil.data.demonstrations import Demonstrations
-from rpil.simulation.simulate import KINDS, simulate
+from rpil.simulation.simulate import BAD_KINDS, simulate
 from worlds import World
 
 ENVIRONMENTS = ("MountainCar-v0", "Acrobot-v1", "LunarLander-v3")
@@ -30,7 +30,7 @@ def of_paper(env: str, kind: str, seed: int) -> World:
 
 def grid() -> Iterator[tuple[str, str, int]]:
     """Every environment with every kind and share of bad demonstrations."""
-    yield from product(ENVIRONMENTS, KINDS, SHARES)
+    yield from product(ENVIRONMENTS, BAD_KINDS, SHARES)
     yield from product(CONTINUOUS, CONTINUOUS_KINDS, SHARES)
 
 

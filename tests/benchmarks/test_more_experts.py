@@ -12,7 +12,7 @@ from gymnasium.envs.box2d.lunar_lander import heuristic
 import more_experts  # noqa: F401 (makes these known)
 from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import actions_of, make, rollout
-from rpil.simulation.simulate import KINDS, simulate
+from rpil.simulation.simulate import BAD_KINDS, simulate
 
 LEAST = {"CartPole-v1": 500, "Pendulum-v1": -600, "MountainCarContinuous-v0": 90, "LunarLanderContinuous-v3": 200}
 
@@ -31,7 +31,7 @@ def test_lunar_lander_agrees_with_gymnasium_action_for_action():
     assert (np.abs(actions) < 1).any(axis=0).all()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", BAD_KINDS)
 def test_good_act_as_the_expert_and_bad_do_not(kind):
     env_id = "MountainCarContinuous-v0"
     made = simulate(env_id, kind, n_good=2, n_bad=2, seed=0)

@@ -10,7 +10,7 @@ import pytest
 
 from problems import refused
 from rpil.simulation.experts import expert
-from rpil.simulation.simulate import KINDS, simulate
+from rpil.simulation.simulate import BAD_KINDS, simulate
 
 CAR = "MountainCar-v0"
 
@@ -27,7 +27,7 @@ def those(made, good):
     return [episode for episode, is_good in zip(made.episodes, made.is_good, strict=True) if is_good == good]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", BAD_KINDS)
 def test_good_and_bad_are_labelled(kind):
     made = simulate(CAR, kind, n_good=3, n_bad=2, seed=0)
     assert sorted(made.is_good) == [0, 0, 1, 1, 1]
@@ -46,7 +46,7 @@ def test_order_is_random_and_of_the_seed():
         assert 0 < order[:6].sum() < 6
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", BAD_KINDS)
 def test_same_seed_same_bits_and_another_seed_others(kind):
     first, again, other = (simulate(CAR, kind, n_good=1, n_bad=2, seed=seed) for seed in (1, 1, 2))
     assert_same(first.episodes, again.episodes)
@@ -57,12 +57,12 @@ def test_same_seed_same_bits_and_another_seed_others(kind):
 
 def test_good_episodes_depend_on_neither_kind_nor_number_of_bad():
     plain = simulate(CAR, "corrupted", n_good=3, n_bad=0, seed=3)
-    for kind in KINDS:
+    for kind in BAD_KINDS:
         made = simulate(CAR, kind, n_good=3, n_bad=1, seed=3)
         assert_same(plain.episodes, those(made, 1))
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "random"])
+@pytest.mark.parametrize("kind", [kind for kind in BAD_KINDS if kind != "random"])
 def test_more_bad_ones_leave_the_first_as_they_were(kind):
     few, many = (simulate(CAR, kind, n_good=2, n_bad=n, seed=4) for n in (2, 4))
     assert_same(those(few, 0), those(many, 0)[:2])

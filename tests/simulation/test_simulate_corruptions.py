@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rpil.data.spaces import Box, Discrete
-from rpil.simulation.simulate import CORRUPTIONS, KINDS, RANDOM
+from rpil.simulation.simulate import BAD_KINDS, CORRUPTIONS, RANDOM
 
 N, D, K = 2001, 3, 4
 NUMBERED = Discrete(K)
@@ -153,5 +153,5 @@ def test_sensor_keeps_float32_and_a_constant_column():
 
 
 def test_kinds_are_the_protocols_and_random_is_no_function():
-    assert KINDS == ("corrupted", "random", "flip", "shift", "noisy", "window", "sensor")
-    assert set(KINDS) - set(CORRUPTIONS) == {RANDOM}
+    assert BAD_KINDS == ("corrupted", "random", "flip", "shift", "noisy", "window", "sensor")
+    assert set(BAD_KINDS) - set(CORRUPTIONS) == {RANDOM}

@@ -16,7 +16,7 @@ from scipy.special import ndtri
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.settings import AnswerSettings, ChannelSettings
-from rpil.numerics.regression import ErrorSettings, medians, student_log_densities
+from rpil.numerics.regression import ErrorSettings, mean_ranks, medians, student_log_densities
 from rpil.numerics.types import Array, Bool, Float
 
 CHANNELS = (
@@ -137,14 +137,8 @@ def summaries(data: FitData, actions: Float[Array, "N A"]) -> Float[Array, "M S"
 def normal_scores(values: Float[Array, "M C"], out: Float[Array, "M C"] | None = None) -> Float[Array, "M C"]:
     """For each column the normal quantiles of the ranks; ties have the same, and a constant column is 0."""
     out = np.empty(values.shape) if out is None else out
-    ties = np.ones(len(values) + 1, dtype=bool)
     for column, scores in zip(values.T, out.T, strict=True):
-        order = np.argsort(column)
-        ranked = column[order]
-        np.not_equal(ranked[1:], ranked[:-1], out=ties[1:-1])
-        bounds = np.flatnonzero(ties)  # of equal values, which share the mean of their ranks
-        middles = ndtri((bounds[1:] + bounds[:-1]) / (2 * len(values)))
-        scores[order] = np.repeat(middles, np.diff(bounds))
+        scores[:] = ndtri((mean_ranks(column) - 0.5) / len(values))
     return out
 
 

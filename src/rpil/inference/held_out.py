@@ -145,7 +145,7 @@ class HeldOutRidge(_Linear):
 
     def __post_init__(self) -> None:
         self.actions, fold = ActionScale.of(self.data)(self.data.actions), self.data.per_step(self.fold)
-        rows = [np.flatnonzero(fold == k) for k in range(int(fold.max()) + 1)]
+        rows = (np.flatnonzero(fold == k) for k in range(int(fold.max()) + 1))
         self._folds = [(each, self.data.features[each], self.actions[each]) for each in rows]
 
     def _evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:

@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from rpil.data.fit_data import FitData
-from rpil.numerics.regression import spread_within
+from rpil.numerics.regression import robust_scale, spread_within
 from rpil.numerics.types import Array, Bool, Float, Int, Num
 
 MOST = 0.9
@@ -59,7 +59,8 @@ class ActionScale:
     def of(cls, data: FitData) -> ActionScale:
         """From the demonstrations of `data`, measured once."""
         if (known := _SCALES.get(data)) is None:
-            location, around, spread = spread_within(data.actions, data.offsets)
+            location, around = robust_scale(data.actions, data.offsets)
+            spread = spread_within(data.actions, data.offsets)
             spread = spread if data.judged is None else np.where(data.judged, spread, np.inf)
             known = _SCALES[data] = cls(location, spread, MAX_DISTANCE * around)
         return known

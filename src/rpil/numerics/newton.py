@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -25,8 +24,7 @@ PRECONDITIONER_NEWTON_STEPS = 8
 """Newton steps after which the preconditioner is made again."""
 
 FORCING, NEAR = 0.25, 1e-9
-"""Residual of a Newton step, relative to the gradient, at which its conjugate gradients end, and the gain, in nats a
-step, from which it shrinks with the gradient (Eisenstat and Walker 1996): sooner takes more products in all."""
+"""Relative residual of a Newton step, and the gain, nats a step, below which it shrinks with the gradient."""
 
 WHOLE_HESSIAN_MAX_COEFFICIENTS = 1_000
 """Coefficients up to which the Hessian is inverted as a whole, not by class blocks."""
@@ -93,8 +91,7 @@ def fit_softmax(
             return SoftmaxFit(weights, log_proba, objective, norm <= settings.tol, preconditioner)
         if preconditioner is None or (n_iter and n_iter % PRECONDITIONER_NEWTON_STEPS == 0):
             preconditioner = Preconditioner(features, proba, weight, penalty)
-        product = partial(_hessian_product, features, proba, weight, ridge)
-        step = conjugate_gradients(product, preconditioner, -slope, scale, settings.max_cg)
+        step = _newton_direction(features, proba, weight, ridge, slope, preconditioner, settings.max_cg)
 
         # Logits move on a line, so that a trial length costs no pass over the features.
         step_logits = linear(features, step)
@@ -118,37 +115,32 @@ def _objective(log_proba: Array, targets: Array, weights: Array, ridge: Array) -
     return float(0.5 * (ridge * weights**2).sum() - np.einsum("nk,nk->", targets, log_proba, dtype=float))
 
 
-def _hessian_product(features: Array, proba: Array, weight: Array, ridge: Array, direction: Array) -> Array:
-    return np.asarray(hessian_product(features, proba, weight, direction) + ridge * direction)
-
-
-def conjugate_gradients(
-    product: Callable[[Float[Array, "D K"]], Float[Array, "D K"]],
-    precondition: Callable[[Float[Array, "D K"]], Float[Array, "D K"]],
-    residual: Float[Array, "D K"],
-    scale: float,
-    most: int,
-) -> Float[Array, "D K"]:
-    """Approximately solve H step = residual, where `product` multiplies by H, in `most` iterations, for data of so many
-    steps as `scale` says."""
-    ascent, step = residual, np.zeros_like(residual)
-    direction = preconditioned = precondition(residual)
+def _newton_direction(
+    features: Array, proba: Array, weight: Array, ridge: Array, slope: Array, precondition: Preconditioner, max_cg: int
+) -> Array:
+    """Approximately solve H step = -slope, by conjugate gradients; more exactly near the end (Eisenstat-Walker)."""
+    proba, weight = (a.astype(features.dtype, copy=False) for a in (proba, weight))
+    step = np.zeros_like(slope)
+    residual = -slope
+    preconditioned = precondition(residual)
+    direction = preconditioned
     energy = first = float((residual * preconditioned).sum())
-    forcing = FORCING if first > NEAR * scale else np.sqrt(np.sqrt(first / scale))
-    for _ in range(most):
-        moved = product(direction)
-        curvature = float((direction * moved).sum())
+    gain = first / max(float(weight.sum(dtype=float)), np.finfo(float).tiny)
+    forcing = FORCING if gain > NEAR else np.sqrt(np.sqrt(gain))
+    for _ in range(max_cg):
+        product = hessian_product(features, proba, weight, direction) + ridge * direction
+        curvature = float((direction * product).sum())
         if curvature <= 1e-14 * float((direction * direction).sum()):
             break
         length = energy / curvature
         step += length * direction
-        residual = residual - length * moved
+        residual = residual - length * product
         preconditioned = precondition(residual)
         previous, energy = energy, float((residual * preconditioned).sum())
         if energy <= forcing**2 * first:
             break
         direction = preconditioned + (energy / previous) * direction
-    return step if step.any() else ascent
+    return step if step.any() else -slope
 
 
 def lbfgs_step(
@@ -247,12 +239,14 @@ def _inverses(hessian: Array) -> Array:
 
 
 def _whole_hessian(features: Array, proba: Array, weight: Array) -> Array:
-    """The Hessian (K D, K D) with the blocks X^T diag(s p_k (1[k = l] - p_l)) X."""
+    """The Hessian (K D, K D) with the blocks X^T diag(s p_k (1[k = l] - p_l)) X; each row of blocks sums to 0."""
     n_features, n_actions = features.shape[1], proba.shape[1]
-    hessian = np.empty((n_actions, n_features, n_actions, n_features))
+    hessian = np.zeros((n_actions, n_features, n_actions, n_features))
     for k in range(n_actions):
-        for j in range(k + 1):
-            curvature = (weight * proba[:, k] * (float(j == k) - proba[:, j])).astype(features.dtype, copy=False)
-            hessian[k, :, j] = (features.T * curvature) @ features
-            hessian[j, :, k] = hessian[k, :, j].T
+        for j in range(k):
+            scaled = features * np.sqrt(weight * proba[:, k] * proba[:, j])[:, None].astype(features.dtype)
+            shared = scaled.T @ scaled  # takes half of X^T Y
+            hessian[k, :, j] = hessian[j, :, k] = -shared
+            hessian[k, :, k] += shared
+            hessian[j, :, j] += shared
     return hessian.reshape(n_actions * n_features, -1)

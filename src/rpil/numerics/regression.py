@@ -6,6 +6,7 @@ a_j = x w_j + sigma_j e_j,    e_j ~ t_nu independent over the parts j of an acti
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import lgamma
 
 import numpy as np
 
@@ -38,8 +39,7 @@ def medians(values: Num[Array, "*batch N"]) -> Float[Array, "*batch"]:
     """The medians of finite numbers along the last axis, as of `numpy.median`, which takes four times as long."""
     half = values.shape[-1] // 2
     parted = np.partition(np.ascontiguousarray(values), half, axis=-1)
-    upper = parted[..., half]
-    return np.asarray(upper if values.shape[-1] % 2 else (parted[..., :half].max(axis=-1) + upper) / 2)
+    return np.asarray((parted[..., half] + parted[..., : half + values.shape[-1] % 2].max(axis=-1)) / 2)
 
 
 def robust_scale(
@@ -62,18 +62,15 @@ def robust_scale(
     return location, np.sqrt(median)
 
 
-def spread_within(
-    values: Num[Array, "N A"], offsets: Int[Array, " M1"]
-) -> tuple[Float[Array, " A"], Float[Array, " A"], Float[Array, " A"]]:
-    """Location and spread of `robust_scale`, and a spread (A,) beside them: the standard deviation within the median
-    demonstration, wherever each of them is; that of `robust_scale` where most demonstrations do not move."""
+def spread_within(values: Num[Array, "N A"], offsets: Int[Array, " M1"]) -> Float[Array, " A"]:
+    """Spread (A,): the standard deviation within the median demonstration, wherever each of them is; that of
+    `robust_scale` where most demonstrations do not move."""
     location, spread = robust_scale(values, offsets)
     lengths = np.diff(offsets)
     distance = np.asarray(values, dtype=float) - location
     means = np.add.reduceat(distance, offsets[:-1], axis=0) / lengths[:, None]
     within = np.sqrt(np.median(_mean_square(distance - np.repeat(means, lengths, axis=0), offsets), axis=0))
-    moves = within > ROUNDING * np.maximum(spread, np.abs(location))
-    return location, spread, np.where(moves, within, spread)
+    return np.where(within > ROUNDING * np.maximum(spread, np.abs(location)), within, spread)
 
 
 def _mean_square(values: Float[Array, "N A"], offsets: Int[Array, " M1"]) -> Float[Array, "M A"]:
@@ -82,8 +79,11 @@ def _mean_square(values: Float[Array, "N A"], offsets: Int[Array, " M1"]) -> Flo
 
 def mean_ranks(values: Num[Array, " M"]) -> Float[Array, " M"]:
     """The ranks of values from 1 on; equal values share the mean of theirs."""
-    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
-    return np.asarray((np.cumsum(counts) - (counts - 1) / 2)[place])
+    order, ranks = np.argsort(values), np.empty(len(values))
+    ranked = values[order]
+    bounds = np.flatnonzero(np.concatenate([[True], ranked[1:] != ranked[:-1], [True]]))
+    ranks[order] = np.repeat((bounds[1:] + bounds[:-1] + 1) / 2, np.diff(bounds))
+    return ranks
 
 
 def normal_equations(
@@ -105,7 +105,7 @@ def solve_ridge(
 
     `ridge` is the penalty a step, `total` the sum of the weights; see `normal_equations`.
     """
-    from scipy.linalg import cho_factor, cho_solve  # `rpil check` takes ranks of this file, and needs no SciPy
+    from scipy.linalg import cho_factor, cho_solve  # which `rpil check` does without
 
     total = max(total, MIN_WEIGHT)
     penalised = np.array(gram, dtype=float)
@@ -125,8 +125,6 @@ def student_log_densities(
     errors: Float[Array, "*shape"], scale: Float[Array, "*of_each"], settings: ErrorSettings
 ) -> Float[Array, "*shape"]:
     """Log-densities of Student errors of any shape, each with its `scale`, in nats."""
-    from scipy.special import gammaln
-
     nu = settings.degrees_of_freedom
-    constant = gammaln((nu + 1) / 2) - gammaln(nu / 2) - 0.5 * np.log(nu * np.pi)
+    constant = lgamma((nu + 1) / 2) - lgamma(nu / 2) - 0.5 * np.log(nu * np.pi)
     return np.asarray(constant - np.log(scale) - (nu + 1) / 2 * np.log1p((errors / scale) ** 2 / nu))

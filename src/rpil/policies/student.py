@@ -2,8 +2,8 @@
 
 Under a Gaussian one step far from the mean would decide about its demonstration; heavy tails bound what a step can
 cost. Student's distribution is a Gaussian whose precision is Gamma-distributed, so that the M-step is weighted least
-squares, repeated (Lange, Little and Taylor 1989; in memory with Sigma of Liu, Rubin and Wu 1998), and nu is chosen by
-the likelihood itself (ECME, Liu and Rubin 1994). Both need sums over steps only.
+squares, repeated (Lange, Little and Taylor 1989), and nu is chosen by the likelihood itself (ECME, Liu and Rubin 1994).
+Both need sums over steps only.
 
 Actions are bounded by a box. Where an action equals a bound and the mean lies beyond it, the residual is multiplied by
 a small factor: a soft form of censored regression (Tobin 1958), in which it would not count at all. With such errors
@@ -21,8 +21,8 @@ from scipy.special import gammaln
 from rpil.data.archive import stored
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
-from rpil.numerics.blocks import Sums, blocks, gradient, linear
-from rpil.numerics.newton import CurvatureHistory, Preconditioner, conjugate_gradients
+from rpil.numerics.blocks import Sums, blocks, linear
+from rpil.numerics.newton import CurvatureHistory, Preconditioner
 from rpil.numerics.types import Array, Float
 
 BOUND_FACTOR = 0.03
@@ -39,8 +39,6 @@ as at the bounds, would have an infinite density, and no other step would count.
 which an action is at the bound."""
 MAX_HALVINGS = 12
 """Halvings of a step after which it is given up."""
-MAX_CG = 8
-"""Conjugate gradients of a step at most."""
 MIN_GAIN = 5e-6
 """Gain of the objective, in nats a step, at which a fit in memory stops, whatever is asked: on trusted steps of
 recorded data the means of the median set were within 5e-4 standard deviations of those at a fifth of it."""
@@ -108,7 +106,6 @@ class StudentPolicy:
         total = weight.sum()
         if not total > 0.0:
             return self, self.outputs(data.features)
-        data = replace(data, actions=np.asfortranarray(data.actions))  # as outputs are: a loop over both is fast
         fitted = _Fitted.at(self, self.outputs(data.features), data.actions, weight)
         for _ in range(max_iter):
             before, fitted = fitted, self._iterate(data, fitted, weight)
@@ -183,21 +180,17 @@ class StudentPolicy:
         """The policy after one step of weighted least squares."""
         policy, features = last.policy, data.features
         robust = policy._robust_weight(last.distance, weight)
-        step = policy._newton_step(features, last.errors, last.factors, robust)
+        grams, slope = _weighted_sums(features, last.errors, last.factors, robust, policy._precision)
+        step = policy._step(grams, slope, kinked := bool((last.factors < 1.0).any()))
         change = linear(features, step)
-        if (last.factors < 1.0).any():
-            # The length is chosen by the likelihood itself, so the weights are those of the new errors.
+        if kinked:  # the length is chosen by the likelihood itself, so the weights are those of the new errors
             moved = policy._shortened(step, change, data.actions, last, weight)
             robust = policy._robust_weight(moved.distance, weight)
             outputs, errors, factors, weights = moved.outputs, moved.errors, moved.factors, moved.policy.weights
         else:
             outputs, weights = last.outputs + change, policy.weights + step
             errors, factors = policy._errors(outputs, data.actions)
-        scatter = (errors.T * robust) @ errors
-        # To divide by the robust weights arrives at the same Sigma in half of the steps; what is added has no weights.
-        every = policy._penalised(scatter, weights)
-        added = float(np.trace(np.linalg.solve(every, every - scatter)))
-        policy = policy._moved(weights, scatter, robust.sum() / (1 + added / policy.freedom))
+        policy = policy._moved(weights, (errors.T * robust) @ errors, weight.sum())
         distance = policy._distance(errors)
         likelihoods = policy._log_likelihoods(distance, weight)
         policy = policy._with_best_freedom(likelihoods)
@@ -225,25 +218,6 @@ class StudentPolicy:
             return _solve(grams[0] + ridge, slope @ self.cholesky @ self.cholesky.T)
         parts = zip(grams, slope.T, np.diag(precision), strict=True)
         return np.column_stack([_solve(gram + ridge, part / own_precision) for gram, part, own_precision in parts])
-
-    def _newton_step(self, features: Array, errors: Array, factors: Array, weight: Array) -> Array:
-        """The Newton step for steps of these robust weights, by the Hessian without bounds; where errors are beyond
-        one, by conjugate gradients that begin with it."""
-        precision, penalty = self._precision, self.ridge[:, None]
-        hessian = sum(_gram(features[block], weight[block]) for block in blocks(features)) + np.diag(self.ridge)
-        slope = gradient(features, weight[:, None] * (errors @ precision) * factors)
-        slope -= penalty * self.weights @ precision
-
-        def precondition(residual: Array) -> Array:
-            return _solve(hessian, residual @ self.cholesky @ self.cholesky.T)
-
-        def product(direction: Array) -> Array:
-            moved = ((linear(features, direction) * factors) @ precision) * (weight[:, None] * factors)
-            return np.asarray(gradient(features, moved) + penalty * direction @ precision)
-
-        if (factors == 1.0).all():
-            return precondition(slope)
-        return conjugate_gradients(product, precondition, slope, float(weight.sum()), MAX_CG)
 
     def _shortened(self, step: Array, change: Array, actions: Array, last: _Fitted, weight: Array) -> _Fitted:
         """The policy after the longest of 1, 1/2, 1/4 .. times the step, by which outputs `change`, that does not lower
