@@ -28,12 +28,15 @@ from study.experiments import (
     OUR_FEATURES,
     OURS,
     RAW_ORACLE,
+    RAW_TRUST_ALL,
+    RECIPE,
+    RM_ENT,
     Experiment,
     Method,
     raw_trust_all,
     trust_all,
 )
-from tables import and_list, bullets, by_column
+from tables import and_list, bullets, by_column, table
 
 PAPER_ROLLOUTS = 20
 Row = dict[str, Any]
@@ -196,6 +199,24 @@ def markdown(result: Row) -> str:
             by_column(names, printed | {name: cells(name, "paper_way") for name in policies}, digits=1),
         ]
     )
+
+
+def compared(result: Row) -> str:
+    """The table of docs/tutorials/baseline.md: what the paper prints beside ours, with half the 95 % interval."""
+    header = ["table", "paper: R-PIL", "R-PIL", "RM-ENT", "paper: LogReg", "LogReg", "oracle"]
+    rows = []
+    for of in result["tables"]:
+        policies = of["policies"]
+        cells = [
+            f"{policies[RECIPE]['printed']:.2f}",
+            plus_minus(policies[OURS]),
+            plus_minus(policies[RM_ENT]),
+            f"{policies[RAW_TRUST_ALL]['printed']:.2f}",
+            plus_minus(policies[RAW_TRUST_ALL]),
+            plus_minus(policies[ORACLE]),
+        ]
+        rows.append([f"{of['table']}. {of['env'].split('-')[0]} {of['kind']}", *cells])
+    return table(header, rows)
 
 
 def plus_minus(of: Row, digits: int = 1) -> str:
