@@ -203,20 +203,20 @@ def markdown(result: Row) -> str:
 
 def compared(result: Row) -> str:
     """The table of docs/tutorials/baseline.md: what the paper prints beside ours, with half the 95 % interval."""
-    header = ["table", "paper: R-PIL", "R-PIL", "RM-ENT", "paper: LogReg", "LogReg", "oracle"]
+    columns = {
+        "paper: R-PIL": (RECIPE, "printed"),
+        "R-PIL": (OURS, ""),
+        "RM-ENT": (RM_ENT, ""),
+        "paper: LogReg": (RAW_TRUST_ALL, "printed"),
+        "LogReg": (RAW_TRUST_ALL, ""),
+        "oracle": (ORACLE, ""),
+    }
     rows = []
     for of in result["tables"]:
-        policies = of["policies"]
-        cells = [
-            f"{policies[RECIPE]['printed']:.2f}",
-            plus_minus(policies[OURS]),
-            plus_minus(policies[RM_ENT]),
-            f"{policies[RAW_TRUST_ALL]['printed']:.2f}",
-            plus_minus(policies[RAW_TRUST_ALL]),
-            plus_minus(policies[ORACLE]),
-        ]
+        found = [(of["policies"].get(name), what) for name, what in columns.values()]
+        cells = [("–" if one is None else f"{one[what]:.2f}" if what else plus_minus(one)) for one, what in found]
         rows.append([f"{of['table']}. {of['env'].split('-')[0]} {of['kind']}", *cells])
-    return table(header, rows)
+    return table(["table", *columns], rows)
 
 
 def plus_minus(of: Row, digits: int = 1) -> str:
