@@ -18,7 +18,7 @@ from rpil.cli.terminal import show_stages
 from rpil.numerics.parallel import cores
 from study.experiments import ENVIRONMENTS, METHODS
 from study.figures import draw
-from study.tables import markdown, run
+from study.tables import compared, markdown, run
 
 QUICK = "3 draws, 20 rollouts: two minutes of one core that has nothing else to do"
 
@@ -51,7 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
         )
     seeds = f"{options.seed} to {max(row['seed'] for row in found['draws'])}"
     found["provenance"] = provenance(seeds, asked(parser, options))
-    text = f"{markdown(found)}\n\n{line(found['provenance'])}\n"
+    text = f"{markdown(found)}\n\n{compared(found)}\n\n{line(found['provenance'])}\n"
     print(text)
     if options.json:
         write_json(options.json, found)

@@ -28,12 +28,15 @@ from study.experiments import (
     OUR_FEATURES,
     OURS,
     RAW_ORACLE,
+    RAW_TRUST_ALL,
+    RECIPE,
+    RM_ENT,
     Experiment,
     Method,
     raw_trust_all,
     trust_all,
 )
-from tables import and_list, bullets, by_column
+from tables import and_list, bullets, by_column, table
 
 PAPER_ROLLOUTS = 20
 Row = dict[str, Any]
@@ -196,6 +199,24 @@ def markdown(result: Row) -> str:
             by_column(names, printed | {name: cells(name, "paper_way") for name in policies}, digits=1),
         ]
     )
+
+
+def compared(result: Row) -> str:
+    """The table of docs/tutorials/baseline.md: what the paper prints beside ours, with half the 95 % interval."""
+    columns = {
+        "paper: R-PIL": (RECIPE, "printed"),
+        "R-PIL": (OURS, ""),
+        "RM-ENT": (RM_ENT, ""),
+        "paper: LogReg": (RAW_TRUST_ALL, "printed"),
+        "LogReg": (RAW_TRUST_ALL, ""),
+        "oracle": (ORACLE, ""),
+    }
+    rows = []
+    for of in result["tables"]:
+        found = [(of["policies"].get(name), what) for name, what in columns.values()]
+        cells = [("–" if one is None else f"{one[what]:.2f}" if what else plus_minus(one)) for one, what in found]
+        rows.append([f"{of['table']}. {of['env'].split('-')[0]} {of['kind']}", *cells])
+    return table(["table", *columns], rows)
 
 
 def plus_minus(of: Row, digits: int = 1) -> str:

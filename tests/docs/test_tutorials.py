@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import runpy
 from pathlib import Path
@@ -10,6 +11,7 @@ import matplotlib
 import pytest
 
 from rpil.inference.findings import FINDINGS
+from study.tables import compared
 
 ROOT = Path(__file__).parents[2]
 TUTORIALS = ROOT / "docs" / "tutorials"
@@ -58,3 +60,12 @@ def test_every_tutorial_is_in_the_list():
     text = (TUTORIALS / "index.md").read_text(encoding="utf-8")
     assert sorted(re.findall(r"^- \[.*?\]\((.*?)\)", text, re.MULTILINE)) == PAGES
     assert sorted(f"{name}.md" for name in re.findall(r"^[\w-]+$", text.partition(":hidden:")[2], re.M)) == PAGES
+
+
+def test_the_papers_tables_are_those_of_the_figures():
+    """docs/figures/paper.json is what `make paper` wrote, without its single draws."""
+    figures = json.loads((ROOT / "docs" / "figures" / "paper.json").read_text(encoding="utf-8"))
+    page = (TUTORIALS / "baseline.md").read_text(encoding="utf-8")
+    assert compared(figures) in page
+    assert figures["provenance"]["commit"] in page
+    assert f"{figures['tables'][0]['draws']} draws" in page

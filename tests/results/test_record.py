@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from dataclasses import fields
 
@@ -57,6 +58,6 @@ def test_to_html_writes_the_report(tmp_path):
 
 def test_every_field_is_described():
     described = {
-        name for line in re.findall(r"^    (\w[\w, ]*) :", Audit.__doc__ or "", re.M) for name in line.split(", ")
+        name for line in re.findall(r"^(\w[\w, ]*) :", inspect.getdoc(Audit) or "", re.M) for name in line.split(", ")
     }
     assert described == {field.name for field in fields(Audit)}
