@@ -7,16 +7,8 @@ from pathlib import Path
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.formats.format import Format
-from rpil.formats.registry import ClaimedPath, find
+from rpil.formats.registry import find
 from samples import SAMPLES
-
-
-def test_what_is_left_out_cannot_be_done(tmp_path):
-    path = tmp_path / "a.toy"
-    path.write_text("x")
-    bare = ClaimedPath(path, Format("toy", Path.is_file, lambda path, options: None))
-    assert bare.commands_to_keep([0, 1], [1]) == []
 
 
 @pytest.mark.parametrize("name", ["out.csv", "out.hdf5", "out.zip"])
