@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from rpil.data.errors import DataError
@@ -18,9 +16,8 @@ def test_a_folder_is_no_file(tmp_path, name):
         find(data).keep(tmp_path / name, ["0"])
 
 
-@pytest.mark.parametrize("address", ["s3://bucket/data", "https://a.org/x.csv", "hf://datasets/a/b/c"])
-def test_addresses_are_not_read(address):
-    with pytest.raises(DataError, match=f"{address}: addresses are not read; download the data"):
+@pytest.mark.parametrize("address", ["s3://KEY:HIDDEN@bucket/data", "https://a.org/x.csv?token=HIDDEN", "hf://a/b/c"])
+def test_addresses_are_not_read_and_their_secrets_not_shown(address):
+    scheme = address.partition("://")[0]
+    with pytest.raises(DataError, match=rf"^{scheme}://\.\.\.: addresses are not read; download the data"):
         find(address)
-    with pytest.raises(DataError, match="no such file"):
-        find(Path(address))

@@ -29,6 +29,7 @@ _IDS: tuple[Kind, ...] = ("number", "text", "mixed", "time")
 _ROLES: tuple[tuple[str, Sequence[re.Pattern[str]], tuple[Kind, ...]], ...] = (
     ("id", _EPISODE_WORDS, (*_IDS, "counter")),
     ("id", [_ID_ALONE], _IDS),
+    ("id", [spellings.PARTICIPANT], _IDS),
     ("order", spellings.ORDER_COLUMNS, ("number", "time", "counter", "text")),
     ("operator", [spellings.OPERATOR], ("number", "text")),
     ("task", [spellings.TASK], ("number", "text")),

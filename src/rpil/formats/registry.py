@@ -198,7 +198,8 @@ def find(path: StrPath) -> ClaimedPath:
     """`path` with its format; a `DataError` where there is nothing, or nothing that is known."""
     place = downloaded(path)
     if "://" in str(place):
-        raise DataError(f"{path}: addresses are not read; download the data, and give their path.")
+        scheme, _, _ = str(place).partition("://")  # the rest may hold a password
+        raise DataError(f"{scheme}://...: addresses are not read; download the data, and give their path.")
     known = find_format(place)
     if known is None:
         there = check_exists(place)
