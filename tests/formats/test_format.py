@@ -2,21 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.formats.format import Format
-from rpil.formats.registry import ClaimedPath, find
+from rpil.formats.registry import find
 from samples import SAMPLES
-
-
-def test_what_is_left_out_cannot_be_done(tmp_path):
-    path = tmp_path / "a.toy"
-    path.write_text("x")
-    bare = ClaimedPath(path, Format("toy", Path.is_file, lambda path, options: None))
-    assert bare.commands_to_keep([0, 1], [1]) == []
 
 
 @pytest.mark.parametrize("name", ["out.csv", "out.hdf5", "out.zip"])
@@ -26,9 +16,8 @@ def test_a_folder_is_no_file(tmp_path, name):
         find(data).keep(tmp_path / name, ["0"])
 
 
-@pytest.mark.parametrize("address", ["s3://bucket/data", "https://a.org/x.csv", "hf://datasets/a/b/c"])
-def test_addresses_are_not_read(address):
-    with pytest.raises(DataError, match=f"{address}: addresses are not read; download the data"):
+@pytest.mark.parametrize("address", ["s3://KEY:HIDDEN@bucket/data", "https://a.org/x.csv?token=HIDDEN", "hf://a/b/c"])
+def test_addresses_are_not_read_and_their_secrets_not_shown(address):
+    scheme = address.partition("://")[0]
+    with pytest.raises(DataError, match=rf"^{scheme}://\.\.\.: addresses are not read; download the data"):
         find(address)
-    with pytest.raises(DataError, match="no such file"):
-        find(Path(address))

@@ -278,10 +278,7 @@ def about(run: AuditRun) -> About:
 
 
 def lines_after_output(title: str, path: str, run: AuditRun) -> list[str]:
-    """Sentences on what the file at `path`, an output, leaves out, and how the tool that wrote the data takes it, where
-    it does."""
-    from rpil.formats.registry import find
-
+    """Sentences on what the file at `path`, an output, leaves out, and how LeRobot takes it."""
     if title == "annotate":
         keeps = 'episode_filter=lambda episode: not episode["rpil/rejected_by"]'
         return [f"For LeRobot: LeRobotDataset({Path(path).name!r}, root={path!r}, {keeps})"]
@@ -294,15 +291,12 @@ def lines_after_output(title: str, path: str, run: AuditRun) -> list[str]:
         )
         told = sorted((score, f"{run.audit.ids[m]}, from row {start}: {why}") for why, score, m, start in found if why)
         return [f"{len(told):,} to look at.", *(f"  {printable(line)}." for _, line in told[:MAX_LISTED_NAMES])]
-    every, ids = run.recording.ids or run.audit.ids, run.choice.kept if title == "keep" else ()
-    lines = []
-    if title == "keep":
-        rejected = [*run.choice.lines(), ""]
-        lines = [f"{len(ids):,} of {len(run.audit.ids):,} kept. {rejected[0]}".rstrip(), *rejected[1:-1]]
-        lines += look_lines(run.audit, run.choice, run.faults)
-    if len(ids) in (0, len(every)):  # nothing was chosen
-        return lines
-    return [*lines, *run.lost, *find(run.source).commands_to_keep(every, ids, path)]
+    if title != "keep":
+        return []
+    kept, rejected = run.choice.kept, [*run.choice.lines(), ""]
+    lines = [f"{len(kept):,} of {len(run.audit.ids):,} kept. {rejected[0]}".rstrip(), *rejected[1:-1]]
+    lines += look_lines(run.audit, run.choice, run.faults)
+    return [*lines, *(run.lost if 0 < len(kept) < len(run.recording.ids or run.audit.ids) else ())]
 
 
 def choice_asked(

@@ -177,9 +177,8 @@ def keep(
     print_lines(choice.lines())
     if not given.quiet:
         look_at = () if audit is None else commands.look_lines(audit, choice, faults)
-        lines = source.commands_to_keep(read.ids, choice.kept, output)
         more = ["These ids are kept; rpil convert with --only IDS writes a table of them."]
-        print_lines([*look_at, *lost, *lines, *(more if source.is_list(output) and not lines else ())])
+        print_lines([*look_at, *lost, *(more if source.is_list(output) else ())])
 
 
 @main.command()

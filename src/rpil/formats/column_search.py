@@ -29,6 +29,7 @@ _IDS: tuple[Kind, ...] = ("number", "text", "mixed", "time")
 _ROLES: tuple[tuple[str, Sequence[re.Pattern[str]], tuple[Kind, ...]], ...] = (
     ("id", _EPISODE_WORDS, (*_IDS, "counter")),
     ("id", [_ID_ALONE], _IDS),
+    ("id", [spellings.PARTICIPANT], _IDS),
     ("order", spellings.ORDER_COLUMNS, ("number", "time", "counter", "text")),
     ("operator", [spellings.OPERATOR], ("number", "text")),
     ("task", [spellings.TASK], ("number", "text")),
@@ -177,10 +178,10 @@ class _Search:
         for name in (name for name, plain in free if spellings.ACTION_COLUMNS[0][0].fullmatch(plain)):
             said = "holds texts in lists, or nested values; write each part of the action as a column"
             raise DataError(f"{self.source}: column {name!r} {said}.")
-        numbers = [(name, plain) for name, plain in free if self.kinds[name] in _NUMBERS]
-        if any(spellings.STEERING.fullmatch(plain) for _, plain in numbers):  # pedals alone may lack their wheel
+        driven = [(name, plain) for name, plain in free if self.kinds[name] in _NUMBERS]
+        if any(spellings.STEERING.fullmatch(plain) for _, plain in driven):  # pedals alone may lack their wheel
             words = spellings.STEERING, spellings.PEDAL
-            found = [name for name, plain in numbers if any(one.fullmatch(plain) for one in words)]
+            found = [name for name, plain in driven if any(one.fullmatch(plain) for one in words)]
             return found, len(found) == 1
         raise self.no_column(f"holds the action: name it {spellings.ACTION[0]}, or name the columns", "action")
 

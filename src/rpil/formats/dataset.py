@@ -51,8 +51,9 @@ class Layout:
             n_parts, action = 0, action if own_type.kind == "f" else own_type
         has_lists = any(len({*parts} & {*seen}) > 1 for parts in columns.lists.values())
         allows_missing = columns.options.allow_missing or columns.options.skip_bad is True
-        asked = "C" if has_lists else "F", allows_missing, columns.options.action_kind
-        return cls(seen, acted, _shown(seen) | _shown(acted), observation, action, n_parts, *asked)
+        order: Literal["F", "C"] = "C" if has_lists else "F"
+        names, kind = _shown(seen) | _shown(acted), columns.options.action_kind
+        return cls(seen, acted, names, observation, action, n_parts, order, allows_missing, kind)
 
     @property
     def observation_names(self) -> tuple[str, ...]:

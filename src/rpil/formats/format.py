@@ -14,7 +14,7 @@ import pyarrow as pa
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, replacing
+from rpil.data.files import replacing
 from rpil.data.id_values import check_ids
 from rpil.data.names import natural_key, quoted
 from rpil.formats import table as flat
@@ -140,8 +140,6 @@ class Format:
     # Writes a copy to a new folder that says more of each demonstration: by the name of a column, values by id as text.
     annotate: Callable[[Path, Path, Mapping[str, Mapping[str, object]]], None] | None = None
     shots: Callable[[Path], Sequence[Shot]] | None = None  # where in video files each is seen; these need not be there
-    # Lines with what to give the tool that wrote the data so that, of all ids, it takes those that `keep` wrote only.
-    commands_to_keep: Callable[[Path, Sequence[object], Sequence[object], StrPath], list[str]] = lambda *_: []
 
 
 def kept_of(there: Iterable[K], ids: Sequence[Id], path: Path) -> list[K]:

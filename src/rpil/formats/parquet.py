@@ -75,7 +75,7 @@ def _opened_files(
     return pa.schema([schema.field(one) for one in columns.stored]), sizes, columns, metadata, n_bytes
 
 
-def _tables(paths: Sequence[StrPath], schema: pa.Schema, columns: Columns) -> Iterator[pa.Table]:
+def _tables(paths: Sequence[str], schema: pa.Schema, columns: Columns) -> Iterator[pa.Table]:
     """The rows of files, with the types of a schema of what is stored, in the columns that are read."""
     for path in paths:
         n_rows, name = 0, Path(path).name

@@ -193,19 +193,13 @@ class ClaimedPath:
             self.format.check_output(path, new)
         return check_writable(new)
 
-    def commands_to_keep(self, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
-        """Lines with what to give the tool that wrote the data, so that it takes those `kept` among `ids` only.
-
-        `output` is the file or folder to which `keep` wrote these: a JSON file stands for lists too long to be read.
-        """
-        return self.format.commands_to_keep(Path(self.path), ids, kept, output)
-
 
 def find(path: StrPath) -> ClaimedPath:
     """`path` with its format; a `DataError` where there is nothing, or nothing that is known."""
     place = downloaded(path)
     if "://" in str(place):
-        raise DataError(f"{path}: addresses are not read; download the data, and give their path.")
+        scheme, _, _ = str(place).partition("://")  # the rest may hold a password
+        raise DataError(f"{scheme}://...: addresses are not read; download the data, and give their path.")
     known = find_format(place)
     if known is None:
         there = check_exists(place)

@@ -109,16 +109,16 @@ def plain_type(kind: pa.DataType) -> pa.DataType:
 
 def part_names(name: str, width: int, names: Sequence[str] = ()) -> tuple[str, ...]:
     """The columns of the numbers in a list `name` of this width, by their own `names` if there is one for each."""
-    own = map(str, names if len({*names}) == width else range(width))
+    own = map(str, names if len(names) == len({*names}) == width else range(width))
     return (name,) if width == 1 else tuple(f"{name}.{part}" for part in own)
 
 
 def parts_of_lists(head: pa.Table, names: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, ...]]:
-    """The columns of the numbers in each list of a table, whose first rows say how many these are."""
+    """The columns of the numbers in each list of a table, whose first rows say how many these are; none of images."""
     lists = {field.name: head[field.name] for field in head.schema if kind_of_type(field.type) == "list"}
     first = {name: next((row for row in column if row.is_valid), ()) for name, column in lists.items()}
     widths = {name: len(row) for name, row in first.items()}
-    return {m: part_names(m, width, names.get(m, ())) for m, width in widths.items() if width <= WIDEST}
+    return {m: part_names(m, width, names.get(m, ())) for m, width in widths.items() if 0 < width <= WIDEST}
 
 
 def flattened(table: pa.Table, lists: Mapping[str, Sequence[str]], wanted: Sequence[str]) -> pa.Table:

@@ -64,7 +64,7 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
     if not parquet_files:
         found = csv.read_files(text_files, options, source, csv.FILE)
     else:
-        found = parquet.read_files(parquet_files, options, source)
+        found = parquet.read_files([*map(str, parquet_files)], options, source)
     return replace(found, ignored=beside)
 
 

@@ -1,7 +1,6 @@
 """LeRobot's folders, in the layout that its version 3.0 writes, and what is given back to it."""
 
 import json
-import shlex
 
 import numpy as np
 import pandas as pd
@@ -19,10 +18,6 @@ from rpil.formats.registry import find
 
 LENGTHS = (4, 6, 5, 7)
 TASKS = ["lift", "put down"]
-
-
-def commands_to_keep(path, *given):
-    return find(path).commands_to_keep(*given)
 
 
 @pytest.fixture
@@ -88,32 +83,11 @@ def test_images_and_videos_are_not_read(dataset):
     assert kept["observation.images.front"].to_pylist() == [{"bytes": b"png", "path": "0.png"}] * 13
 
 
-def test_list_and_commands(dataset):
+def test_a_list_of_episodes(dataset):
     output = dataset.with_name("keep.json")
     find(dataset).keep(output, ["3", "1"])
     assert json.loads(output.read_text()) == {"episodes": [1, 3]}
     assert json.loads(json.dumps(rpil.read(dataset).ids)) == [0, 1, 2, 3]
-    train, of_statistics = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"])
-    assert shlex.split(train)[-1] == "--dataset.episodes=[1, 3]"
-    assert "stats.json" in of_statistics
-    (line,) = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], dataset.with_name("kept"))
-    assert f"--dataset.root={dataset.with_name('kept')}" in line
-    info = dataset / "meta" / "info.json"
-    version_3 = info.read_text()
-    info.write_text(version_3.replace("v3.0", "v2.1"))  # which LeRobot's own command cannot read
-    converter = "python -m lerobot.scripts.convert_dataset_v21_to_v30 --repo-id={0.name} --root={0} --push-to-hub=false"
-    first, train, _ = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], output)
-    assert first.endswith(f"convert it first: {converter.format(dataset)}")
-    assert "--dataset.episodes" in train
-    first, train = commands_to_keep(dataset, [0, 1, 2, 3], ["1", "3"], dataset.with_name("kept"))
-    assert (
-        first
-        == f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {converter.format(dataset.with_name('kept'))}"
-    )
-    assert "--dataset.root" in train
-    info.write_text(version_3)
-    assert len(commands_to_keep(dataset, [0, 1], [0, 1])) == 1
-    assert commands_to_keep(next(dataset.rglob("data/**/*.parquet")), [0, 1], [0]) == []
 
 
 def test_a_new_folder_is_consistent(dataset):
@@ -177,15 +151,3 @@ def test_a_full_disk_is_not_blamed_on_the_data(tmp_path, path):
     with full_disk(20_000), pytest.raises(DataError, match=f"{output.name}: it cannot be written"):
         find(dataset / path).keep(output, [3])
     assert [file.name for file in dataset.parent.iterdir()] == ["drive"]
-
-
-def test_long_lists_are_named_by_their_file(dataset):
-    output, ids = dataset.with_name("keep.json"), range(2000)
-    lines = commands_to_keep(dataset, ids, ids[::2], output)
-    assert sum(map(len, lines)) < 2000
-    assert f"[...], with the numbers in {output}" in lines[0]
-    (folder,) = commands_to_keep(dataset, ids, ids[::2], dataset.with_name("kept"))
-    assert folder.startswith("To train on the new folder: ")
-    (hint,) = commands_to_keep(dataset, ids, ids[::2])
-    assert "keep.json" in hint
-    assert len(hint) < 200 + len(str(dataset))

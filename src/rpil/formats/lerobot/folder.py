@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-import shlex
 import shutil
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,7 +17,7 @@ import pyarrow.parquet as pq
 
 from rpil.data.arrays import Id, group_rows
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, check_readable, new_folder
+from rpil.data.files import check_readable, new_folder
 from rpil.data.folders import copy_folder
 from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
@@ -36,9 +34,6 @@ from rpil.formats.parquet import keep_rows
 from rpil.numerics.types import Array
 
 _EPISODES = "meta/episodes/chunk-000/file-000.parquet"
-
-MAX_LISTED = 100
-"""Episodes of a data set whose lists are printed."""
 
 
 def claims(path: Path) -> bool:
@@ -170,8 +165,8 @@ class Kept:
             if shot.path not in places:
                 places[shot.path] = self.place_of(len(places))
                 shutil.copyfile(check_readable(shot.path), self.target(1, *places[shot.path], camera))
-            where = dict(zip(("chunk_index", "file_index"), places[shot.path], strict=True))
-            where |= {"from_timestamp": shot.start, "to_timestamp": shot.end}
+            chunk, file = places[shot.path]
+            where = {"chunk_index": chunk, "file_index": file, "from_timestamp": shot.start, "to_timestamp": shot.end}
             said[shot.episode] = {f"videos/{camera}/{name}": value for name, value in where.items()}
         return said
 
@@ -248,39 +243,6 @@ def _write_statistics(kept: Kept, by_episode: Sequence[ByFeature], gone: Sequenc
     place.write_text(json.dumps(old | found, indent=4), encoding="utf-8")
 
 
-def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
-    """What to give LeRobot, so that its version 0.6.1 trains on the episodes `kept` among `ids`.
-
-    Where there are more than `MAX_LISTED` episodes, their numbers are in the JSON file `output`.
-    """
-    is_list, version = Path(output).suffix.lower() == ".json", ""
-    with suppress(DataError):
-        version = str(CheckedFolder(path).info.get("codebase_version"))
-    if Path(output).name and not is_list:
-        words = [f"--dataset.repo_id={Path(output).name}", f"--dataset.root={output}"]
-        return [*_conversion(version, Path(output)), f"To train on the new folder: {shlex.join(words)}"]
-    numbers = shlex.quote(f"[{', '.join(map(str, kept))}]")
-    if len(ids) > MAX_LISTED and not is_list:
-        to_list = shlex.join(["rpil", "keep", str(path), "-o", "keep.json"])
-        return [f"The episodes are too many to be printed; to give their list to LeRobot: {to_list}"]
-    numbers = f"[...], with the numbers in {output}" if len(ids) > MAX_LISTED else numbers
-    lines = [*_conversion(version, path), f"To train on these, whatever the policy: --dataset.episodes={numbers}"]
-    if len(kept) < len(ids):
-        better = "A folder with statistics of its own, videos too: rpil keep with -o"
-        new = f"{str(path).rstrip('/')}_trusted"
-        lines.append(f"LeRobot then normalises by the others too, which stay in meta/stats.json. {better} {new}")
-    return lines
-
-
-def _conversion(version: str, root: Path) -> list[str]:
-    """How the folder `root`, of this version, becomes one of version 3.0."""
-    if version != "v2.1":
-        return []
-    words = ["python", "-m", "lerobot.scripts.convert_dataset_v21_to_v30", f"--repo-id={root.resolve().name}"]
-    command = shlex.join([*words, f"--root={root}", "--push-to-hub=false"])
-    return [f"LeRobot 0.6.1 reads version 3.0 only; convert it first: {command}"]
-
-
 FORMAT = Format(
     name="LeRobot",
     claims=claims,
@@ -288,7 +250,6 @@ FORMAT = Format(
     keep=keep,
     has_own_ids=True,
     check_output=check_output,
-    commands_to_keep=commands,
     find_defects=find_defects,
     annotate=checked_folder.annotate,
     shots=find_shots,
