@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rpil import Demonstrations
-from rpil.segments.cuts import Columns
+from rpil.segments.cuts import MovedColumns
 from rpil.segments.settings import SegmentSettings
 from worlds.tidying import tidied
 
@@ -14,7 +14,7 @@ SETTINGS = SegmentSettings()
 
 
 def columns(made):
-    return Columns.of(made, SETTINGS)
+    return MovedColumns.of(made, SETTINGS)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.004])
