@@ -44,7 +44,7 @@ def test_rows_are_good_or_bad_and_not_both():
         with pytest.raises(DataError, match=r"rows 1 to 5: unknown label .* write 'good' or 'bad'"):
             marks_of([AnswerRow("4", word, "", 1, 5)])
     good, bad = AnswerRow("4", "good", "", 1, 5), AnswerRow("4", "bad", "", 4, 9)
-    with pytest.raises(DataError, match=r"rows 4 to 9: rows 1 to 5 have the other label"):
+    with pytest.raises(DataError, match=r"rows 4 to 9: some of these rows have the other label too"):
         marks_of([good, bad])
     assert len(marks_of([good, bad._replace(start=5), good._replace(end=4)])) == 3
 

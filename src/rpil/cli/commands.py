@@ -298,6 +298,12 @@ def lines_after_output(title: str, path: str, run: AuditRun) -> list[str]:
     if title == "ranges":
         n_rows = sum(last - first for own in run.ranges.values() for first, last in own)
         return [f"{n_rows:,} of {run.audit.offsets[-1]:,} rows kept, of {len(run.ranges):,} demonstrations."]
+    if title == "segments":
+        found = zip(
+            run.segments.reason, run.segments.score, run.segments.demonstration, run.segments.start, strict=True
+        )
+        told = sorted((score, f"{run.audit.ids[m]}, from row {start}: {why}") for why, score, m, start in found if why)
+        return [f"{len(told):,} to look at.", *(f"  {printable(line)}." for _, line in told[:MAX_LISTED_NAMES])]
     every, ids = run.recording.ids or run.audit.ids, run.choice.kept if title == "keep" else ()
     lines = []
     if title == "keep":

@@ -101,24 +101,25 @@ def read_answer_rows(path: StrPath, ids: Iterable[object] = ()) -> list[AnswerRo
 
 
 def parse_marks(
-    rows: Iterable[AnswerRow], source: str, ids: Sequence[object], lengths: Int[Array, " M"]
+    rows: Sequence[AnswerRow], source: str, ids: Sequence[object], lengths: Int[Array, " M"]
 ) -> Int[Array, "S 4"]:
     """What answers say of rows of M demonstrations: the number of the demonstration, the first row and the one after
     the last, and 1 for good or -1; nothing of those about others. A `DataError` where rows lie outside, or are both."""
     number, marks = {str(name): m for m, name in enumerate(ids)}, list[tuple[int, int, int, int]]()
+    said = {
+        m: np.zeros(lengths[m], dtype=np.int8) for m in {number.get(row.id, -1) for row in rows if row.is_mark} - {-1}
+    }
     for row in (row for row in rows if row.is_mark and row.id in number):
         m, place = number[row.id], f"{source}, demonstration {row.id!r}, rows {row.start!s:.40} to {row.end!s:.40}"
         start, end = (int(float(str(one))) if _WHOLE.fullmatch(str(one)) else -1 for one in (row.start, row.end))
         if not 0 <= start < end <= lengths[m]:
-            raise DataError(
-                f"{place}: start and end must be whole, and 0 <= start < end <= {lengths[m]}; correct them."
-            )
+            raise DataError(f"{place}: start and end must be whole, 0 <= start < end <= {lengths[m]}; correct them.")
         if (label := _LABELS.get(str(row.label).strip().lower())) is None:
             raise DataError(f"{place}: unknown label {quoted([row.label])}; write 'good' or 'bad'.")
         sign = 1 if label == "good" else -1
-        for other, first, last, said in marks:
-            if other == m and said != sign and start < last and first < end:
-                raise DataError(f"{place}: rows {first} to {last} have the other label; change one, or where they end.")
+        if (said[m][start:end] == -sign).any():
+            raise DataError(f"{place}: some of these rows have the other label too; change one of the labels.")
+        said[m][start:end] = sign
         marks.append((m, start, end, sign))
     return np.array(marks, dtype=np.int64).reshape(-1, 4)
 

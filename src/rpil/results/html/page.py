@@ -7,7 +7,7 @@ import hashlib
 import json
 import os
 from collections import Counter, defaultdict
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -117,7 +117,7 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         "whole_ids": all(isinstance(name, int) for name in audit.ids),
         "n_review": n_review,
         "faults": _faults(places, about.faults),
-        "segments": _segments(about.segments),
+        "segments": _segments(about.segments, {*order[:MAX_DRAWN]}),
         "rows": [
             [m, first, last, "good" if sign > 0 else "bad"] for m, first, last, sign in audit.answers.marks.tolist()
         ],
@@ -129,13 +129,15 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
     }
 
 
-def _segments(found: Segments | None) -> dict[str, list[list[object]]]:
-    """The segments of each demonstration by its number as text: the first row, the one after the last, kind, reason."""
+def _segments(found: Segments | None, shown: Set[int]) -> dict[str, list[list[object]]]:
+    """The segments of those to be `shown`, and others with a reason, by the number of the demonstration as text: the
+    first row, the one after the last, kind and reason of each."""
     of_each = defaultdict[str, list[list[object]]](list)
     if found is not None:
         columns = (found.demonstration, found.start, found.end, found.kind)
         for m, start, end, kind, why in zip(*(one.tolist() for one in columns), found.reason, strict=True):
-            of_each[str(m)].append([start, end, KINDS[kind], why])
+            if m in shown or why:
+                of_each[str(m)].append([start, end, KINDS[kind], why])
     return of_each
 
 
