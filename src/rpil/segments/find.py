@@ -15,12 +15,12 @@ import numpy as np
 from rpil.data.arrays import spans
 from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.types import Array, Bool, Float, Int
-from rpil.segments.cuts import Columns
+from rpil.segments.cuts import MovedColumns
 from rpil.segments.destinations import progress
 from rpil.segments.idle import idle_rows
 from rpil.segments.kinds import KINDS, Segments
 from rpil.segments.settings import SegmentSettings
-from rpil.segments.taught import Label, taught
+from rpil.segments.taught import MarkedRows, taught
 
 ACT, IDLE, TAKEOVER, BACK, REPEATED = range(len(KINDS))
 
@@ -34,7 +34,7 @@ class Acts:
     demonstration: Int[Array, " N"]
     kind: Int[Array, " N"]
     n_moved: Int[Array, " N"]
-    """Columns of things that it moves."""
+    """MovedColumns of things that it moves."""
     progress: Float[Array, " N"]
     """Of one that moves nothing, that of the next that does; else NaN."""
     again: Bool[Array, " N"]
@@ -47,7 +47,7 @@ def find_segments(
     demonstrations: Demonstrations,
     step_scores: Float[Array, " N"] | None = None,
     takeover: Bool[Array, " N"] | None = None,
-    labels: Sequence[Label] = (),
+    labels: Sequence[MarkedRows] = (),
     settings: SegmentSettings | None = None,
 ) -> Segments:
     """Cut demonstrations of one task into segments, with a kind, a score and a reason.
@@ -59,7 +59,7 @@ def find_segments(
     settings = settings or SegmentSettings()
     n, offsets = demonstrations.n_steps, demonstrations.offsets
     acts = find_acts(
-        Columns.of(demonstrations, settings), np.zeros(n, bool) if takeover is None else takeover, settings
+        MovedColumns.of(demonstrations, settings), np.zeros(n, bool) if takeover is None else takeover, settings
     )
     start, lengths = acts.first - offsets[acts.demonstration], np.diff(acts.first, append=n)
     score, kind = scores(acts, settings), acts.kind.astype(np.int8)
@@ -73,7 +73,7 @@ def find_segments(
     return without_idle(found, idle_rows(demonstrations), offsets)
 
 
-def find_acts(columns: Columns, taken: Bool[Array, " N"], settings: SegmentSettings) -> Acts:
+def find_acts(columns: MovedColumns, taken: Bool[Array, " N"], settings: SegmentSettings) -> Acts:
     """Cut demonstrations into acts, also where a person takes over, and measure each."""
     closed, offsets = columns.closed(settings), columns.offsets
     changes = np.flatnonzero(taken[1:] != taken[:-1]) + 1
