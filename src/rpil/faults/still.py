@@ -216,8 +216,9 @@ def resting_rows(block: MovingBlock, is_command: bool, by_states: bool = True) -
         for chosen, a, b in [(states, *part) for part in parts] + [(states | True, *part) for part in more]:
             off = np.abs(own[chosen, a:b] - np.median(own[chosen, a:b], axis=1, keepdims=True))
             near = np.flatnonzero((off <= reach[chosen]).all(axis=0))
-            if len(near):  # in the first it arrives; nothing moves before the beginning and after the end
-                rests[a and a + near[0] + 1 : b if b == n else a + near[-1] + 1] = True
+            if len(near):  # in the first it arrives; near the beginning and the end a few rows tell little
+                first, last = a + near[0] + 1, a + near[-1] + 1
+                rests[first * (a > least // 2) : last if b < n - least // 2 else n] = True
         found.append(long_runs(rests, least) & states.any())
     return found
 
