@@ -21,7 +21,8 @@ def columns(made):
 def test_the_hand_is_the_grip_and_things_are_what_it_moves(noise):
     made = tidied("nobody", 20, 0, noise).demonstrations
     found = columns(made)
-    closed = found.closed(SETTINGS)
+    closed, has_hand = found.closed(SETTINGS)
+    assert has_hand
     grip = made.observations[:, 2] > 0.5
     assert (closed == grip).mean() > 0.9
     assert np.flatnonzero(found.things(closed, SETTINGS)).tolist() == [3, 4, 5, 6]
@@ -30,7 +31,7 @@ def test_the_hand_is_the_grip_and_things_are_what_it_moves(noise):
 def test_a_cut_lies_where_the_hand_turns():
     made = tidied("wrong place", 20, 0)
     found = columns(made.demonstrations)
-    cuts = found.cuts(found.closed(SETTINGS))
+    cuts = found.cuts(found.closed(SETTINGS)[0])
     offsets = made.demonstrations.offsets
     for begin in np.flatnonzero(np.diff(made.bad.astype(int)) != 0) + 1:
         if begin not in offsets:
@@ -42,7 +43,9 @@ def test_without_a_hand_acts_lie_between_rests():
     one = np.concatenate([np.linspace(0, 1, 40), np.full(30, 1.0), np.linspace(1, 2, 40)])
     made = Demonstrations.from_episodes([(one[:, None] + 0.1 * k, np.zeros((110, 1))) for k in range(3)])
     found = columns(made)
-    cuts = found.cuts(found.closed(SETTINGS))
+    closed, has_hand = found.closed(SETTINGS)
+    assert not has_hand
+    cuts = found.cuts(closed)
     assert len(cuts) == 3
     assert ((cuts - made.offsets[:-1] >= 35) & (cuts - made.offsets[:-1] <= 75)).all()
 

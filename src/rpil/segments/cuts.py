@@ -46,8 +46,9 @@ class MovedColumns:
         is_action = np.arange(values.shape[1]) >= demonstrations.observations.shape[1]
         return cls(values, offsets, window, moves, is_action)
 
-    def closed(self, settings: SegmentSettings) -> Bool[Array, " N"]:
-        """The rows in which the hand is away from its home, or where there is none, in which something moves."""
+    def closed(self, settings: SegmentSettings) -> tuple[Bool[Array, " N"], bool]:
+        """The rows in which the hand is away from its home, or where there is none, in which something moves; and
+        whether there is one."""
         distance = np.abs(self.values - np.median(self.values[self.offsets[:-1]], axis=0))
         away, near = distance > settings.level, distance < settings.level / 2
         between = (~near & (distance < 1.5 * settings.level)).mean(axis=0)
@@ -56,8 +57,9 @@ class MovedColumns:
         counts = np.median(np.add.reduceat(returns, self.offsets[:-1], axis=0), axis=0)
         is_even = (near.mean(axis=0) > settings.at_home) & (near.mean(axis=0) < 1 - settings.at_home)
         is_hand = is_even & (between < settings.between) & (counts > 0)
-        closed = away[:, np.argmin(np.where(is_hand, between, 1.0))] if is_hand.any() else self.moves.any(axis=1)
-        return np.asarray(closed)
+        has_hand = bool(is_hand.any())
+        hand = int(np.argmin(np.where(is_hand, between, 1.0)))
+        return np.asarray(away[:, hand] if has_hand else self.moves.any(axis=1)), has_hand
 
     def things(self, closed: Bool[Array, " N"], settings: SegmentSettings) -> Bool[Array, " C"]:
         """The observations that seldom move while no hand is closed."""
