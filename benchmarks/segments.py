@@ -45,7 +45,7 @@ def auroc(score: Array, bad: Array) -> float:
     return float((ranks[bad].sum() - n * (n + 1) / 2) / (n * (len(bad) - n)))
 
 
-def of_rows(segments: Segments, offsets: Array) -> Array:
+def of_rows(segments: Segments) -> Array:
     """The score of each row; where nothing is known, the median."""
     lengths, scores = segments.end - segments.start, segments.score
     known = np.isfinite(scores)
@@ -75,7 +75,7 @@ def measured(
     named = np.array([reason != "" for reason in found.reason])
     row = {
         "set": name,
-        "rows": auroc(of_rows(found, made.offsets), bad),
+        "rows": auroc(of_rows(found), bad),
         "demonstrations": auroc(shortfall(found, len(made)), is_bad),
         "length": auroc(-made.lengths.astype(float), is_bad),
         "segments": len(named),
@@ -87,7 +87,7 @@ def measured(
         marked = []
         for draw in range(draws):
             labels, own = drawn_marks(found, share, np.random.default_rng([draw, len(bad)]))
-            scores = of_rows(find_segments(made, takeover=takeover, labels=labels), made.offsets)
+            scores = of_rows(find_segments(made, takeover=takeover, labels=labels))
             marked.append(auroc(scores[~own], bad[~own]))
         row["two marked"] = float(np.mean(marked))
     if pause is not None:

@@ -114,24 +114,24 @@ class Person:
             self.plane.step(np.zeros(2), float(self.plane.grip > 0.5), (False, True, False))
 
 
-def tidied(family: str, n: int, seed: int, noise: float = 0.0) -> Tidied:
-    """`n` demonstrations of a family."""
+def tidied(family: str, n: int, seed: int, noise: float = 0.0, share: float = SHARE, in_order: bool = False) -> Tidied:
+    """`n` demonstrations of a family; things may be taken `in_order`, which policies can learn from few."""
     rng = np.random.default_rng([51, seed, (*PLANTED, *CLEAN).index(family)])
-    planes = [tidy(family, bool(k < SHARE * n), noise, own) for k, own in enumerate(rng.spawn(n))]
+    planes = [tidy(family, bool(k < share * n), noise, own, in_order) for k, own in enumerate(rng.spawn(n))]
     planes = [planes[k] for k in rng.permutation(n)]
     truth = np.array([row for plane in planes for row in plane.truth])
     made = Demonstrations.from_episodes([(np.array(p.rows), np.array(p.actions)) for p in planes])
     return Tidied(made, *truth.T)
 
 
-def tidy(family: str, is_planted: bool, noise: float, rng: np.random.Generator) -> Plane:
+def tidy(family: str, is_planted: bool, noise: float, rng: np.random.Generator, in_order: bool) -> Plane:
     """One demonstration."""
     plane = Plane(rng, noise, rng.uniform([0.1, 0.05], [0.55, 0.95], size=(2, 2)))
     slow = 0.5 if family == "slow" and is_planted else 1.0
     side = rng.choice([-0.4, 0.4]) if family == "two ways" else rng.normal(0.0, 0.05)
     person = Person(plane, slow * rng.uniform(0.8, 1.2), float(side), rng)
     targets = TARGETS if family != "own targets" else rng.uniform([0.65, 0.05], [1.0, 0.95], size=(2, 2))
-    order = [0, 1] if family == "one order" else rng.permutation(2).tolist()
+    order = [0, 1] if in_order or family == "one order" else rng.permutation(2).tolist()
     at = int(rng.integers(2)) if is_planted else -1
     wrong = (True, False, False)
     for k, thing in enumerate(order):

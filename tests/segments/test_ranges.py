@@ -92,7 +92,7 @@ def test_keys_are_what_a_trainer_wants(data):
     for pattern in ("{folder}", "one", "{", "{}", "{id!r:>99999999}", "{id.__class__}"):
         refused("--ranges-id|two have the key|no column is called", "audit", "a.csv", "--quiet", "--ranges", "r.json",
                 "--ranges-id", pattern)  # fmt: skip
-    assert keys_of("{id}", [1, 2], {}.get) == ["1", "2"]
+    assert keys_of("{id}", [1, 2], "a.csv", ColumnOptions()) == ["1", "2"]
 
 
 def test_what_cannot_be_is_refused_before_any_work(data):

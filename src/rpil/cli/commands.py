@@ -142,21 +142,13 @@ class AuditRun:
     @cached_property
     def ranges(self) -> dict[str, list[tuple[int, int]]]:
         """The rows to keep, by the keys of the pattern."""
-        from rpil.formats import read_demonstrators, read_recording
         from rpil.segments.idle import idle_rows
         from rpil.segments.ranges import keys_of
 
-        data, options = self.recording.demonstrations, self.recording.options
         rule: Literal["rest", "openpi"] = "openpi" if self.idle == "openpi" else "rest"
-        kept = self.audit.ranges(None if self.idle == "keep" else idle_rows(data, rule), self.choice.kept)
-
-        def column(name: str) -> dict[str, str]:
-            try:
-                return read_demonstrators(name, read_recording(self.source, replace(options, operator=name)))
-            except DataError as error:
-                raise DataError(error.in_shell.replace("--operator", "--ranges-id")) from error
-
-        return dict(zip(keys_of(self.pattern, kept, column), kept.values(), strict=True))
+        dropped = None if self.idle == "keep" else idle_rows(self.recording.demonstrations, rule)
+        kept = self.audit.ranges(dropped, self.choice.kept)
+        return dict(zip(keys_of(self.pattern, kept, self.source, self.recording.options), kept.values(), strict=True))
 
     @cached_property
     def segments(self) -> Segments:

@@ -20,8 +20,8 @@ from rpil.segments.settings import SegmentSettings
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
-    """Columns of a set of demonstrations laid end to end, and in which rows they move."""
+class MovedColumns:
+    """MovedColumns of a set of demonstrations laid end to end, and in which rows they move."""
 
     values: Float[Array, "N C"]
     """Observations and continuous actions in ranges, without their outer hundredths; those that never move are 0."""
@@ -32,7 +32,7 @@ class Columns:
     is_action: Bool[Array, " C"]
 
     @classmethod
-    def of(cls, demonstrations: Demonstrations, settings: SegmentSettings) -> Columns:
+    def of(cls, demonstrations: Demonstrations, settings: SegmentSettings) -> MovedColumns:
         """Measure `demonstrations`."""
         actions = [] if demonstrations.is_discrete else [demonstrations.actions]
         values = np.concatenate([demonstrations.observations, *actions], axis=1).astype(float)
@@ -46,8 +46,9 @@ class Columns:
         is_action = np.arange(values.shape[1]) >= demonstrations.observations.shape[1]
         return cls(values, offsets, window, moves, is_action)
 
-    def closed(self, settings: SegmentSettings) -> Bool[Array, " N"]:
-        """The rows in which the hand is away from its home, or where there is none, in which something moves."""
+    def closed(self, settings: SegmentSettings) -> tuple[Bool[Array, " N"], bool]:
+        """The rows in which the hand is away from its home, or where there is none, in which something moves; and
+        whether there is one."""
         distance = np.abs(self.values - np.median(self.values[self.offsets[:-1]], axis=0))
         away, near = distance > settings.level, distance < settings.level / 2
         between = (~near & (distance < 1.5 * settings.level)).mean(axis=0)
@@ -56,7 +57,9 @@ class Columns:
         counts = np.median(np.add.reduceat(returns, self.offsets[:-1], axis=0), axis=0)
         is_even = (near.mean(axis=0) > settings.at_home) & (near.mean(axis=0) < 1 - settings.at_home)
         is_hand = is_even & (between < settings.between) & (counts > 0)
-        return away[:, np.argmin(np.where(is_hand, between, 1.0))] if is_hand.any() else self.moves.any(axis=1)
+        has_hand = bool(is_hand.any())
+        hand = int(np.argmin(np.where(is_hand, between, 1.0)))
+        return np.asarray(away[:, hand] if has_hand else self.moves.any(axis=1)), has_hand
 
     def things(self, closed: Bool[Array, " N"], settings: SegmentSettings) -> Bool[Array, " C"]:
         """The observations that seldom move while no hand is closed."""

@@ -15,12 +15,12 @@ import numpy as np
 from rpil.data.arrays import spans
 from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.types import Array, Bool, Float, Int
-from rpil.segments.cuts import Columns
+from rpil.segments.cuts import MovedColumns
 from rpil.segments.destinations import progress
 from rpil.segments.idle import idle_rows
 from rpil.segments.kinds import KINDS, Segments
 from rpil.segments.settings import SegmentSettings
-from rpil.segments.taught import Label, taught
+from rpil.segments.taught import MarkedRows, taught
 
 ACT, IDLE, TAKEOVER, BACK, REPEATED = range(len(KINDS))
 
@@ -34,7 +34,7 @@ class Acts:
     demonstration: Int[Array, " N"]
     kind: Int[Array, " N"]
     n_moved: Int[Array, " N"]
-    """Columns of things that it moves."""
+    """MovedColumns of things that it moves."""
     progress: Float[Array, " N"]
     """Of one that moves nothing, that of the next that does; else NaN."""
     again: Bool[Array, " N"]
@@ -47,7 +47,7 @@ def find_segments(
     demonstrations: Demonstrations,
     step_scores: Float[Array, " N"] | None = None,
     takeover: Bool[Array, " N"] | None = None,
-    labels: Sequence[Label] = (),
+    labels: Sequence[MarkedRows] = (),
     settings: SegmentSettings | None = None,
 ) -> Segments:
     """Cut demonstrations of one task into segments, with a kind, a score and a reason.
@@ -59,7 +59,7 @@ def find_segments(
     settings = settings or SegmentSettings()
     n, offsets = demonstrations.n_steps, demonstrations.offsets
     acts = find_acts(
-        Columns.of(demonstrations, settings), np.zeros(n, bool) if takeover is None else takeover, settings
+        MovedColumns.of(demonstrations, settings), np.zeros(n, bool) if takeover is None else takeover, settings
     )
     start, lengths = acts.first - offsets[acts.demonstration], np.diff(acts.first, append=n)
     score, kind = scores(acts, settings), acts.kind.astype(np.int8)
@@ -73,9 +73,9 @@ def find_segments(
     return without_idle(found, idle_rows(demonstrations), offsets)
 
 
-def find_acts(columns: Columns, taken: Bool[Array, " N"], settings: SegmentSettings) -> Acts:
+def find_acts(columns: MovedColumns, taken: Bool[Array, " N"], settings: SegmentSettings) -> Acts:
     """Cut demonstrations into acts, also where a person takes over, and measure each."""
-    closed, offsets = columns.closed(settings), columns.offsets
+    (closed, has_hand), offsets = columns.closed(settings), columns.offsets
     changes = np.flatnonzero(taken[1:] != taken[:-1]) + 1
     first = np.unique(np.concatenate([columns.cuts(closed), offsets[:-1], changes]))
     demonstration = np.searchsorted(offsets, first, side="right") - 1
@@ -85,13 +85,15 @@ def find_acts(columns: Columns, taken: Bool[Array, " N"], settings: SegmentSetti
     states = progress(after, before, moved != 0, demonstration, settings)
     follows, following = np.append(np.diff(demonstration) == 0, False), np.append(moved[1:], moved[:1], axis=0)
     size, shared = (np.abs(each).sum(axis=1) for each in (moved, np.minimum(np.abs(moved), np.abs(following))))
-    again = follows & (shared >= settings.again * size)
-    undone = again & (size > 0) & (np.abs(moved + following).sum(axis=1) < settings.again / 2 * size)
     for k in np.flatnonzero(follows & (size == 0))[::-1]:
         states[k] = states[k + 1]
-    kind = np.append(ACT, np.where(undone, BACK, np.where(again, REPEATED, ACT))[:-1])
+    again = follows & has_hand & (shared >= settings.again * size)
+    worse_next = states > np.append(states[1:], 0.0) + settings.done_again  # then that one is at fault
+    is_rare = len(np.unique(demonstration[again & ~worse_next])) <= settings.few * (len(offsets) - 1)
+    undone = again & (size > 0) & (np.abs(moved + following).sum(axis=1) < settings.again / 2 * size)
+    kind = np.append(ACT, np.where(undone, BACK, np.where(again, REPEATED, ACT))[:-1] * is_rare)
     kind = np.where(taken[first], TAKEOVER, kind)
-    again &= ~(states > np.append(states[1:], 0.0) + settings.done_again)  # else the next one is at fault
+    again &= ~worse_next
     is_before = follows & ~taken[first] & np.append(taken[first][1:], False)
     return Acts(first, demonstration, kind, np.count_nonzero(moved, axis=1), states, again, is_before)
 
@@ -105,7 +107,6 @@ def scores(acts: Acts, settings: SegmentSettings) -> Float[Array, " N"]:
 
 def reasons_of(acts: Acts, score: Float[Array, " N"], settings: SegmentSettings) -> list[str]:
     """A sentence about each candidate, and "" of the others."""
-    share = len(np.unique(acts.demonstration[acts.again])) / len(np.unique(acts.demonstration))
     is_low = (acts.progress < 0) & (score < -settings.shortfall) & (acts.n_moved > 0)
     found = [""] * len(score)
     for k in np.flatnonzero(is_low | acts.again | acts.taken).tolist():
@@ -113,7 +114,7 @@ def reasons_of(acts: Acts, score: Float[Array, " N"], settings: SegmentSettings)
         moves = f"moves {n} column{'s' * (n > 1)}" if n else "moves nothing"
         if acts.taken[k]:
             found[k] = "a person takes over after it"
-        elif acts.again[k] and share <= settings.few:
+        elif acts.again[k] and acts.kind[k + 1] != ACT:
             found[k] = f"{moves}, and the next act {'undoes it' if acts.kind[k + 1] == BACK else 'does it again'}"
         elif is_low[k]:
             found[k] = f"{moves} and ends no nearer to where others end"

@@ -5,21 +5,33 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, replacing
+from rpil.formats import read_demonstrators, read_recording
+from rpil.formats.columns import ColumnOptions
 from rpil.segments.kinds import KINDS, Segments
 
 
-def keys_of(pattern: str, ids: Iterable[Hashable], column: Callable[[str], Mapping[str, str]]) -> list[str]:
-    """The key of each demonstration by a pattern with columns in braces; `column` gives the values of one by id as
-    text. A `DataError` where two keys are alike."""
+def keys_of(pattern: str, ids: Iterable[Hashable], source: StrPath, options: ColumnOptions) -> list[str]:
+    """The key of each demonstration by a pattern with columns of the data at `source` in braces, or id. A `DataError`
+    where two keys are alike."""
+
+    def column(name: str) -> dict[str, str]:
+        if name == "id":
+            return dict(zip(names, names, strict=True))
+        try:
+            return read_demonstrators(name, read_recording(source, replace(options, operator=name)))
+        except DataError as error:
+            raise DataError(error.in_shell.replace("--operator", "--ranges-id")) from error
+
     parts = re.split(r"\{([^{}]+)\}", pattern)
     names = [*map(str, ids)]
-    values = {one: dict(zip(names, names, strict=True)) if one == "id" else column(one) for one in parts[1::2]}
+    values = {one: column(one) for one in parts[1::2]}
     each = ((values[part].get(name, "") if k % 2 else part for k, part in enumerate(parts)) for name in names)
     keys = [*map("".join, each)]
     if len({*keys}) < len(keys):

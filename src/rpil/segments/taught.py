@@ -15,12 +15,12 @@ from rpil.numerics.types import Array, Float, Int
 from rpil.segments.kinds import Segments
 from rpil.segments.settings import SegmentSettings
 
-Label = tuple[int, int, int, bool]
+MarkedRows = tuple[int, int, int, bool]
 """The number of a demonstration, its first row, the row after the last, and whether these are good."""
 
 
 def taught(
-    segments: Segments, facts: Float[Array, "N F"], labels: Sequence[Label], settings: SegmentSettings
+    segments: Segments, facts: Float[Array, "N F"], labels: Sequence[MarkedRows], settings: SegmentSettings
 ) -> Segments:
     """The same with P(good) as score, learned from the score and `facts`, where one label is good and one bad."""
     known = Answers.of_labels(marked(segments, labels))
@@ -35,7 +35,7 @@ def taught(
     return replace(segments, score=expit(found.log_odds), reason=reasons)
 
 
-def marked(segments: Segments, labels: Sequence[Label]) -> Int[Array, " N"]:
+def marked(segments: Segments, labels: Sequence[MarkedRows]) -> Int[Array, " N"]:
     """1 of the segments that share half of their rows, or of those of a label, with one that says good; -1 of bad."""
     found = np.zeros(len(segments.start), dtype=np.int64)
     for m, start, end, is_good in labels:

@@ -1,0 +1,128 @@
+"""Segments: they tile demonstrations, and planted acts are found and named; where nothing is planted nobody is."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from rpil import Demonstrations
+from rpil.segments.find import find_segments, shortfall
+from rpil.segments.kinds import KINDS, Segments
+from rpil.segments.settings import SegmentSettings
+from worlds.tidying import CLEAN, tidied
+
+N = 20
+
+
+def share_of(rows, made, found):
+    """The share of each segment in which `rows` holds."""
+    first = made.offsets[found.demonstration] + found.start
+    return np.array([rows[a:b].mean() for a, b in zip(first, first + found.end - found.start, strict=True)])
+
+
+def found_in(family, n=N, **given):
+    made = tidied(family, n, 0)
+    if family == "takeover":
+        given["takeover"] = made.takeover
+    found = find_segments(made.demonstrations, **given)
+    return made, found, share_of(made.bad, made.demonstrations, found)
+
+
+@pytest.mark.parametrize("family", ["wrong place", "pause", "takeover", "nobody"])
+def test_segments_tile_every_demonstration(family):
+    made, found, _ = found_in(family)
+    ends = np.append(
+        made.demonstrations.offsets[found.demonstration][1:] + found.start[1:], made.demonstrations.n_steps
+    )
+    assert np.array_equal(made.demonstrations.offsets[found.demonstration] + found.end, ends)
+    assert (found.end > found.start).all()
+    assert len(found.reason) == len(found.kind) == len(found.score)
+
+
+def test_the_same_demonstrations_have_the_same_segments():
+    (_, one, _), (_, other, _) = found_in("wrong place"), found_in("wrong place")
+    assert all(np.array_equal(getattr(one, f.name), getattr(other, f.name)) for f in fields(Segments))
+
+
+def test_the_order_of_demonstrations_changes_nothing():
+    made = tidied("wrong place", N, 0).demonstrations
+    order = np.random.default_rng(0).permutation(N)
+    found, moved = find_segments(made), find_segments(made.select(order))
+    for place, m in enumerate(order):
+        own, others = found.demonstration == m, moved.demonstration == place
+        assert np.array_equal(found.start[own], moved.start[others])
+        assert np.allclose(found.score[own], moved.score[others], equal_nan=True)
+
+
+@pytest.mark.parametrize("family", ["wrong place", "undone"])
+def test_wrong_acts_are_lowest_and_named(family):
+    _, found, share = found_in(family, 40)
+    bad = share > 0.5
+    assert found.score[bad].max() < found.score[~bad].min()
+    named = np.array([reason != "" for reason in found.reason])
+    assert named[bad].mean() > 0.9
+    assert named[~bad].sum() <= 1
+
+
+def test_what_is_undone_is_of_a_kind_of_its_own():
+    _, found, share = found_in("undone", 40)
+    assert (found.kind[share > 0.5] == KINDS.index("back")).all()
+    assert any("undoes it" in reason for reason in found.reason)
+
+
+def test_a_try_beside_the_thing_is_named():
+    _, found, share = found_in("retry")
+    said = [reason for reason, bad in zip(found.reason, share > 0.5, strict=True) if bad]
+    assert set(said) == {"moves nothing, and the next act does it again"}
+
+
+def test_the_act_before_a_takeover_is_named():
+    made, found, share = found_in("takeover")
+    said = {reason for reason, bad in zip(found.reason, share > 0.5, strict=True) if bad}
+    assert said == {"a person takes over after it"}
+    person = share_of(made.takeover, made.demonstrations, found) > 0.5
+    assert np.array_equal(person, found.kind == KINDS.index("takeover"))
+
+
+def test_what_many_do_again_is_not_named():
+    made = tidied("retry", N, 0).demonstrations
+    all_of_them = find_segments(made, settings=SegmentSettings(few=0.1))
+    assert not any("again" in reason for reason in all_of_them.reason)
+
+
+@pytest.mark.parametrize("family", CLEAN)
+def test_nobody_is_named_where_nothing_is_planted(family):
+    made = tidied(family, 40, 0)
+    assert [reason for reason in find_segments(made.demonstrations).reason if reason] == []
+
+
+def test_pauses_are_idle_and_leave_the_score_of_the_act_around_them():
+    made, found, _ = found_in("pause")
+    idle = found.kind == KINDS.index("idle")
+    rows = np.repeat(idle, found.end - found.start)
+    assert rows[made.pause].mean() > 0.9
+    assert not rows[~made.pause].any()
+    assert np.isnan(found.score[idle]).all()
+    k = np.flatnonzero(idle)[0]
+    assert found.score[k - 1] == found.score[k + 1]
+
+
+@pytest.mark.parametrize("actions", [np.zeros((12, 1)), np.arange(12) % 3])
+@pytest.mark.parametrize("n", [1, 3])
+def test_sets_without_acts(n, actions):
+    still = Demonstrations.from_episodes([(np.ones((12, 2)), actions)] * n)
+    found = find_segments(still, labels=[(0, 0, 12, True)])
+    assert (found.demonstration.max(), found.end.max()) == (n - 1, 12)
+    assert not any(found.reason)
+    assert np.isnan(found.score).all()
+    assert shortfall(found, n).tolist() == [0.0] * n
+
+
+def test_shortfall_is_the_sum_below_the_median():
+    _, found, _ = found_in("wrong place")
+    middle = np.nanmedian(found.score)
+    own = [found.score[found.demonstration == m] for m in range(N)]
+    assert np.allclose(shortfall(found, N), [np.minimum(score - middle, 0).sum() for score in own])
+    assert shortfall(replace(found, score=np.full(len(found.score), np.nan)), N).tolist() == [0.0] * N
