@@ -210,15 +210,17 @@ def resting_rows(block: MovingBlock, is_command: bool, by_states: bool = True) -
     for begin, end in itertools.pairwise(block.offsets.tolist()):
         own, rests, n = block.values[tells, begin:end], np.zeros(end - begin, dtype=bool), end - begin
         exact = [(max(a - 1, 0), b) for a, b in spans(long_runs(same[begin:end], least)) if b - a < n - 1]
-        parts = [(a + c, a + d) for a, b in exact for c, d in spans(steady(own[states, a:b], of_states, least))]
+        parts = [(a, b, a + c, a + d) for a, b in exact for c, d in spans(steady(own[states, a:b], of_states, least))]
         more = spans(steady(own, bands, least)) if by_states else []
         more = [(a, b) for a, b in more if not any(a < d and c < b for c, d in exact)]
-        for chosen, a, b in [(states, *part) for part in parts] + [(states | True, *part) for part in more]:
+        every = [(states, *part) for part in parts] + [(states | True, 0, n, *part) for part in more]
+        for chosen, low, high, a, b in every:
             off = np.abs(own[chosen, a:b] - np.median(own[chosen, a:b], axis=1, keepdims=True))
             near = np.flatnonzero((off <= reach[chosen]).all(axis=0))
             if len(near):  # in the first it arrives; near the beginning and the end a few rows tell little
-                first, last = a + near[0] + 1, a + near[-1] + 1
-                rests[first * (a > least // 2) : last if b < n - least // 2 else n] = True
+                first = 0 if low == 0 and a <= least // 2 else a + near[0] + 1
+                last = n if high == n and n - b <= least // 2 else a + near[-1] + 1
+                rests[first:last] = True
         found.append(long_runs(rests, least) & states.any())
     return found
 
