@@ -116,3 +116,48 @@ def turning(m, flips):
 def test_either_sign_of_a_quaternion_is_no_fault(flips, share):
     made = [turning(m, flips if m < share else "start") for m in range(N)]
     assert not check(demonstrations(made)).findings
+
+
+@pytest.mark.parametrize("share", [2, 6, N])
+def test_a_spike_in_the_same_column_is_named_in_any_share(share):
+    made = []
+    for m, (x, a) in enumerate(CLEAN):
+        x = x.copy()
+        x[50 + m, 2] += 60 * (m < share)
+        made.append((x, a))
+    found = {one.id for one in check(demonstrations(made)).findings if one.rule == "spike"}
+    assert found == {*range(share)}
+
+
+def test_an_angle_that_rests_where_it_wraps_wraps():
+    """Its noise goes to and fro over the place."""
+    made = []
+    for x, a in CLEAN:
+        at = x[60, 0]
+        x, a = (np.insert(values, [60] * 15, values[60], axis=0) for values in (x, a))
+        x += 0.1 * np.random.default_rng(1).normal(size=x.shape)
+        made.append(tuple(np.c_[(values[:, :1] - at) % 360, values[:, 1:]] for values in (x, a)))
+    counts = check(demonstrations(made)).counts
+    assert counts["wraps"] == N
+    assert not {"spike", "jump"} & {*counts}
+
+
+@pytest.mark.parametrize("n", [0, 40])
+def test_rest_under_changes_of_0_is_idle_whatever_the_hand_holds(n):
+    made = []
+    for x, a in CLEAN:
+        change = np.clip(np.diff(a[:, :3], axis=0) / 2, -1, 1)
+        path = x[:1, :3] + np.cumsum(np.r_[np.zeros((1, 3)), 2 * change[:-1]], axis=0)
+        hand = np.where(np.arange(len(path)) < 40, -1.0, 1.0)
+        path, change, hand = (np.pad(v, [(0, n), *[(0, 0)] * (v.ndim - 1)], "edge") for v in (path, change, hand))
+        change[len(change) - n :] = 0
+        noise = 0.02 * np.random.default_rng(len(x)).normal(size=path.shape)
+        made.append((path + noise, np.c_[change, hand]))
+    (*lines,) = check(demonstrations(made)).lines
+    assert [(one.rule, len(one.ids)) for one in lines] == [("idle tail", N)] * (n > 0)
+
+
+def test_jumps_of_a_few_that_begin_where_all_end_are_no_rows_of_others():
+    made = [(np.delete(x, slice(30, 50), axis=0), np.delete(a, slice(30, 50), axis=0)) for x, a in CLEAN[:4]]
+    counts = check(demonstrations(made + CLEAN[4:])).counts
+    assert "two episodes" not in counts

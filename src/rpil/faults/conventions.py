@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
@@ -157,8 +156,9 @@ class Conventions(ComparingRule):
     measure = Duplicate.measure
 
     def findings(self) -> Iterator[Fault]:
-        """What the first part that tells something has otherwise."""
-        rows, told = next(((rows, found) for rows in self.parts() if (found := self.told(rows))), (np.zeros(1), {}))
+        """What the part that tells most has otherwise."""
+        parts = [(rows, self.told(rows)) for rows in self.parts()]
+        rows, told = max(parts, key=lambda part: len(part[1]), default=(np.zeros(1), {}))
         ids, share = tuple(itertools.compress(self.data.ids, rows)), float(rows.mean())
         for kind in dict.fromkeys(kind for kind, _ in told.values()):
             (c, said), *others = ((c, said) for c, (of, said) in told.items() if of == kind)
@@ -169,14 +169,15 @@ class Conventions(ComparingRule):
             yield Fault(rule, "", 0, 0, self.columns.names[c], share, 0.0, 1.0 + share, sentence, ids)
 
     def parts(self) -> list[Bool[Array, " M"]]:
-        """The smaller part of each way to part the set that a column tells, or an operator; what most tell is first."""
+        """The smaller part of each way to part the set that a column tells, groups first, or an operator."""
         profile, of = self.measured[1], np.array(self.data.of_each("operator"))
-        ends = np.stack([*self.data.measured[TwoEpisodes.measure][:2], np.log(profile.std(axis=1) + 1e-9)], axis=1)
-        told = [*two_groups(np.concatenate([profile, ends], axis=1).reshape(n := len(of), -1))]
-        told += [of == name for name in sorted({*of.tolist()})]
+        ends, size = self.data.measured[TwoEpisodes.measure][:2], np.log(profile.std(axis=1) + 1e-9)
+        features = size.mean(axis=1, keepdims=True), *ends, size, profile.reshape(n := len(of), -1)
+        told = [of == name for name in sorted({*of.tolist()})]
+        told += [*two_groups(np.concatenate(features, axis=1))]
         told = [rows if (rows.sum(), rows[0]) <= (n / 2, False) else ~rows for rows in told]
-        counts = Counter(rows.tobytes() for rows in told if rows.sum() > 1)
-        return [np.frombuffer(rows, dtype=bool) for rows, _ in counts.most_common(settings.MIN_DISTINCT)]
+        every = dict.fromkeys(rows.tobytes() for rows in told if rows.sum() > 1)
+        return [np.frombuffer(rows, dtype=bool) for rows in [*every][: settings.MIN_DISTINCT]]
 
     def told(self, rows: Bool[Array, " M"]) -> dict[int, tuple[str, str]]:
         """What columns a part has otherwise: the kind, and what is seen; none unless all columns are as in the rest
@@ -186,9 +187,12 @@ class Conventions(ComparingRule):
         found, alike, moves = undone(part, rest, columns)
         known = (self.data.measured[Wraps.measure][0] == 0).all(axis=0)
         whole = (alike | ~known | np.isin(np.arange(len(known)), [*found])).mean()
-        units = np.mean([found.get(c, ("",))[0] == "unit" for c in range(len(known))])
+        units = [c for c, (kind, _) in found.items() if kind == "unit"]
+        size = np.log(profile[..., units].std(axis=1) + 1e-9).mean(axis=1) if units else np.zeros(0)
+        if units and max(size[~rows].min() - size[rows].max(), size[rows].min() - size[~rows].max()) < 0:
+            return {}  # some are of the other part
         few_alike = (alike & moves & known).sum() < 2
-        if units >= settings.SURE:
+        if len(units) >= settings.SURE * len(known):
             return {c: way for c, way in found.items() if way[0] == "unit"}
         if whole < 1 or few_alike:
             return {}
@@ -225,19 +229,20 @@ def undone(
     (u, x, own), (v, y, other) = part, rest
     error, motion = settings.BY_CHANCE * np.sqrt(x + y), np.maximum(own, other)
     apart, level = np.abs(u - v), np.maximum(np.abs(u), np.abs(v)).max(axis=0)
-    alike, moves = (apart <= error + settings.ALIKE * motion).all(axis=0), motion > error.min(axis=0)
+    ratio, moves = np.log(np.maximum(own, 1e-300) / np.maximum(other, 1e-300)), motion > error.min(axis=0)
+    in_pace = np.abs(ratio) < np.log(settings.OTHER_UNIT)
+    alike = (apart <= error + settings.ALIKE * motion).all(axis=0) & (in_pace | ~moves)
     weight = 1.0 / np.maximum(y, 1e-300)  # of the larger part, which is known best
-    by = ((u - v) * weight).sum(axis=0) / weight.sum(axis=0)
-    begins, ratio = apart[0] > error[0], (u * v).sum(axis=0) / np.maximum((v**2).sum(axis=0), 1e-300)
+    begins, by = apart[0] > error[0], ((u - v) * weight).sum(axis=0) / weight.sum(axis=0)
     ways: list[tuple[str, str, Array, float, Array, Array]] = [("sign", "has another sign", -v, 1.0, level, begins)]
     for times in (*settings.UNITS, 100.0):
         for way, word in ((times, "larger"), (1.0 / times, "smaller")):
-            is_own = np.abs(np.log(np.maximum(ratio / way, 1e-9))) < settings.SAME_UNIT
+            is_own = np.abs(ratio - np.log(way)) < 1.5 * settings.SAME_UNIT
             ways.append(("unit", f"is {times:.3g} times {word}", way * v, way, own, is_own))
-    alike_far = moves & (np.maximum(own, other) < 2.0 * np.minimum(own, other))
-    far = alike_far & (apart > error).all(axis=0) & (np.abs(by) > 2.0 * settings.ALIKE * motion)
+    in_pace &= moves
+    far = in_pace & (apart > error).all(axis=0) & (np.abs(by) > 2.0 * settings.ALIKE * motion)
     ways += [("moved", "is {} throughout", v + by, 1.0, motion, far)]
-    ways += [("turned", "goes the other way", np.median(u + v, axis=0) - v, 1.0, motion, begins & alike_far)]
+    ways += [("turned", "goes the other way", np.median(u + v, axis=0) - v, 1.0, motion, begins & in_pace)]
     found: dict[int, tuple[str, str]] = {}
     for kind, said, target, way, size, is_own in ways:
         slack = settings.BY_CHANCE * np.sqrt(x + way**2 * y) + settings.ALIKE * size

@@ -58,7 +58,8 @@ class HeldValue(ComparingRule):
         value = np.where(is_own, still, 0)
         moving, partner = self.columns.moving, self.columns.partner
         moving = np.where(partner < 0, moving, moving[partner])[chosen]
-        value, limit, severity = above(value, np.where(moving >= settings.MOVING_SHARE, limit, np.inf))
+        limit = np.where(moving >= settings.MOVING_SHARE, limit, np.inf)
+        severity = above(value, limit)[2]
         self.goes_on = np.zeros(still.shape, dtype=bool)
         if (pairs := self.data.learned.tracked).is_command and not self.is_extreme:
             begins, far = (of_each[:, chosen] for of_each in self.measured[8:])

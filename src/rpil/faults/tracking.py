@@ -94,7 +94,7 @@ def are_strangers(sample: MovingBlock) -> bool:
     both += [np.roll(actions, k, axis=1) for k in range(settings.PARTS)]
     series, *rolled = (x.reshape(len(x), -1) / np.sqrt((x**2).sum(axis=(1, 2)) + 1e-300)[:, None] for x in both)
     own_best, *best = (float(np.abs(x @ series.T).max()) for x in rolled)
-    return own_best < min(settings.SURE, np.mean(best) + settings.ERRORS * np.std(best))
+    return own_best < min(settings.SURE, float(np.mean(best) + settings.ERRORS * np.std(best)))
 
 
 def parts_of(block: MovingBlock, pairs: Tracked) -> Iterator[tuple[Array, Array]]:
