@@ -119,15 +119,19 @@ def audit_of_folder(letters: str, size: dict[str, int], repeats: int) -> Measure
 def command_seconds(name: str, path: Path) -> tuple[float, float]:
     """CPU seconds and GiB of a command on `path`, in a process of its own."""
     words = [sys.executable, "-c", "from rpil.cli.entry import main; main()", name, str(path)]
-    environment = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
     with tempfile.TemporaryFile() as output:
-        run = subprocess.Popen(words, stdout=output, stderr=output, cwd=path.parent, env=environment)
+        run = subprocess.Popen(words, stdout=output, stderr=output, cwd=path.parent, env=_environment())
         _, status, usage = os.wait4(run.pid, 0)
         run.returncode = os.waitstatus_to_exitcode(status)
         if run.returncode not in (0, 1):  # 1: there are faults
             output.seek(0)
             raise RuntimeError(output.read().decode())
     return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 2**20
+
+
+def _environment() -> dict[str, str]:
+    """That of a user, whose modules are compiled once."""
+    return {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
 
 
 def unavoidable(folder: Path) -> dict[str, float]:
@@ -186,7 +190,9 @@ def start(size: dict[str, int], repeats: int) -> Measured:
         for _ in range(repeats + 1):  # of which the first brings files into the cache
             for name, words in commands.items():
                 before = _children_seconds()
-                subprocess.run([sys.executable, *words], capture_output=True, check=True, cwd=temporary)
+                subprocess.run(
+                    [sys.executable, *words], capture_output=True, check=True, cwd=temporary, env=_environment()
+                )
                 used[name].append(_children_seconds() - before)
     seconds = {name: float(np.median(of[1:])) for name, of in used.items()}
     audit, info = (max(seconds[f"{name} {suffix}"] for suffix in files) for name in ("audit", "info"))

@@ -23,8 +23,8 @@ PRECONDITIONER_MIN_STEPS = 4096
 PRECONDITIONER_NEWTON_STEPS = 8
 """Newton steps after which the preconditioner is made again."""
 
-FORCING, NEAR = 0.25, 1e-9
-"""Relative residual of a Newton step, and the gain, nats a step, below which it shrinks with the gradient."""
+FORCING, LOOSE = 0.25, 1e-4
+"""Relative residual of a Newton step, and the tolerance of a fit below which it shrinks with the gradient."""
 
 WHOLE_HESSIAN_MAX_COEFFICIENTS = 1_000
 """Coefficients up to which the Hessian is inverted as a whole, not by class blocks."""
@@ -91,7 +91,7 @@ def fit_softmax(
             return SoftmaxFit(weights, log_proba, objective, norm <= settings.tol, preconditioner)
         if preconditioner is None or (n_iter and n_iter % PRECONDITIONER_NEWTON_STEPS == 0):
             preconditioner = Preconditioner(features, proba, weight, penalty)
-        step = _newton_direction(features, proba, weight, ridge, slope, preconditioner, settings.max_cg)
+        step = _newton_direction(features, proba, weight, ridge, slope, preconditioner, settings)
 
         # Logits move on a line, so that a trial length costs no pass over the features.
         step_logits = linear(features, step)
@@ -116,18 +116,24 @@ def _objective(log_proba: Array, targets: Array, weights: Array, ridge: Array) -
 
 
 def _newton_direction(
-    features: Array, proba: Array, weight: Array, ridge: Array, slope: Array, precondition: Preconditioner, max_cg: int
+    features: Array,
+    proba: Array,
+    weight: Array,
+    ridge: Array,
+    slope: Array,
+    precondition: Preconditioner,
+    settings: NewtonSettings,
 ) -> Array:
-    """Approximately solve H step = -slope, by conjugate gradients; more exactly near the end (Eisenstat-Walker)."""
+    """Approximately solve H step = -slope; the relative residual shrinks with the gradient (Eisenstat-Walker)."""
     proba, weight = (a.astype(features.dtype, copy=False) for a in (proba, weight))
     step = np.zeros_like(slope)
     residual = -slope
     preconditioned = precondition(residual)
     direction = preconditioned
     energy = first = float((residual * preconditioned).sum())
-    gain = first / max(float(weight.sum(dtype=float)), np.finfo(float).tiny)
-    forcing = FORCING if gain > NEAR else np.sqrt(np.sqrt(gain))
-    for _ in range(max_cg):
+    scale = max(float(weight.sum(dtype=float)), np.finfo(float).tiny)
+    forcing = FORCING if settings.tol >= LOOSE else min(FORCING, np.sqrt(np.sqrt(first / scale)))
+    for _ in range(settings.max_cg):
         product = hessian_product(features, proba, weight, direction) + ridge * direction
         curvature = float((direction * product).sum())
         if curvature <= 1e-14 * float((direction * direction).sum()):
