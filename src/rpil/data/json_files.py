@@ -30,7 +30,7 @@ def read_text(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8"
 
 
 def read_json(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8") -> Parsed:
-    """What a file of JSON holds; errors are those of `parse`."""
+    """Read a file of JSON; errors are those of `parse`."""
     return parse(read_text(path, limit, encoding), str(path), limit)
 
 
@@ -44,7 +44,7 @@ def object_in(text: object) -> dict[str, Parsed]:
 
 
 def parse(text: str | bytes, where: str, limit: int = LARGEST_METADATA, pairs: type | None = None) -> Parsed:
-    """What a text of JSON holds; objects are `pairs` of key and value, by default a dict.
+    """Parse a text of JSON; objects are `pairs` of key and value, by default a dict.
 
     A `DataError` where it is longer than `limit`, or holds more lists than `MOST_LISTS`; another `ValueError`, or a
     `RecursionError`, where it is no JSON.

@@ -1,4 +1,4 @@
-"""What is left out of texts that others may read: secrets in addresses, and where a person's folders are."""
+"""Remove from texts what others may not read: secrets in addresses, and where a person's folders are."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ class ConstantAction(Rule):
 
     @classmethod
     def find(cls, demonstrations: DemonstrationSet, learned: Learned) -> Iterator[Fault]:
-        """Those whose range is 0."""
+        """Actions whose range is 0."""
         of = learned.action_labels  # none of codes, which may be text
         if same := [a for a in range(len(of)) if demonstrations.low[a] == demonstrations.high[a]]:
             every = listed([f"{of[a]} is {demonstrations.low[a]:.4g}" for a in same])

@@ -88,7 +88,7 @@ def parts_of(block: MovingBlock, pairs: Tracked) -> Iterator[tuple[Array, Array]
 
 
 def squared_correlation(actions: Float[Array, "A T"], states: Float[Array, "S T"]) -> Float[Array, "A S"]:
-    """Of each action with each state; 0 where either rests."""
+    """Squared correlation of each action with each state; 0 where either rests."""
     a, s = (values - values.mean(axis=1, keepdims=True) for values in (actions, states))
     power = np.outer((a**2).sum(axis=1), (s**2).sum(axis=1))
     return np.asarray((a @ s.T) ** 2 / np.where(power > 0, power, np.inf))
@@ -128,6 +128,6 @@ def misfits(block: MovingBlock, pairs: Tracked) -> Float[Array, "M K"]:
 
 
 def _variance(values: Float[Array, "P T"], steps: Int[Array, " M"], offsets: Int[Array, " _"]) -> Float[Array, " M"]:
-    """Of so many steps of each demonstration that are not 0, the sum over the rows."""
+    """Variance by so many steps of each demonstration that are not 0, summed over the rows."""
     mean, square = (np.add.reduceat(x, offsets[:-1], axis=1) / np.maximum(steps, 1) for x in (values, values**2))
     return np.asarray(np.maximum(square - mean**2, 0.0).sum(axis=0))

@@ -30,7 +30,7 @@ STRETCH = "pauses"
 """The column of the demonstrations that end at pauses, where no other column tells them apart."""
 
 LENGTH = "length"
-"""What a user names in the place of a column: the number of steps of each demonstration."""
+"""The word that a user names in the place of a column: the number of steps of each demonstration."""
 
 TIME_OF_STEP = "time or number of the step"  # why a column is no observation
 _MOST_COLUMNS = 50_000  # Arrow ends the process where there is no memory for its columns
@@ -57,7 +57,7 @@ OF_PART = re.compile(r"(?:lap|round|attempt|take|rep|repetition|leg|heat|stint)s
 
 @dataclass(frozen=True)
 class ColumnOptions:
-    """What decides how a file is read: what the user says of its columns, of which the others are found by name.
+    """Options of how a file is read: what the user says of its columns, of which the others are found by name.
 
     Most are the arguments of `rpil.read`; these are the others.
 
@@ -166,7 +166,7 @@ class Columns:
 
     @property
     def guess(self) -> DataWarning:
-        """What was guessed, and how to change it."""
+        """Warning that says what was guessed, and how to change it."""
         roles = {"id": "demonstrations by", "action": "action"}
         said = ", ".join(f"{roles[role]} {names.replace(',', ', ')}" for role, names in self.guessed.items())
         ways = " and ".join("<option>" for _ in self.guessed)
@@ -252,5 +252,5 @@ def one_id(head: pa.Table | None, names: Iterable[str]) -> str:
 
 
 def _there(head: pa.Table | None, names: Iterable[str]) -> dict[str, pa.ChunkedArray]:
-    """Those of the columns that are in the first rows."""
+    """Columns that are in the first rows."""
     return {name: head[name] for name in names if head is not None and name in head.column_names}

@@ -39,7 +39,7 @@ class Column(NamedTuple):
         return len(self.parts if self.mask is None else self.mask)
 
     def cut(self, values: Array) -> Array:
-        """Of values (N, K) those that are read; all where rows have more or fewer than there should be."""
+        """The values (N, K) that are read; all where rows have more or fewer than there should be."""
         return values if self.mask is None or values.shape[1:] != self.mask.shape else values[:, self.mask]
 
 
@@ -77,12 +77,12 @@ class Layout:
 
     @property
     def observation_names(self) -> tuple[str, ...]:
-        """Of the D numbers of an observation."""
+        """Names of the D numbers of an observation."""
         return tuple(part for one in self.observations for part in one.parts)
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """Of the numbers of an action."""
+        """Names of the numbers of an action."""
         return tuple(part for one in self.actions for part in one.parts)
 
     @property

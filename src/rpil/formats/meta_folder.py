@@ -36,7 +36,7 @@ class MetaFolder:
 
     @cached_property
     def files(self) -> list[PurePosixPath]:
-        """What is in it; a `DataError` where a link leads out of the folder, or to nothing."""
+        """The entries of the folder; a `DataError` where a link leads out of the folder, or to nothing."""
         selector = fs.FileSelector(str(self.top / "meta"), recursive=True, allow_not_found=True)
         found = sorted(PurePosixPath(info.path) for info in self.filesystem.get_file_info(selector))
         for place in found if isinstance(self.filesystem, fs.LocalFileSystem) else ():
@@ -51,7 +51,7 @@ class MetaFolder:
 
     @cached_property
     def info(self) -> dict[str, Parsed]:
-        """What ``info.json`` says; empty where it is not there, and a `DataError` where it is damaged."""
+        """The content of ``info.json``; empty where it is not there, and a `DataError` where it is damaged."""
         place, name = self.top / "meta" / "info.json", f"{self.top.name}/meta/info.json"
         if place not in self.files:
             return {}
@@ -90,7 +90,7 @@ class MetaFolder:
 
     @cached_property
     def episodes(self) -> list[dict[str, Parsed]]:
-        """What it says of each episode, without statistics and places."""
+        """The statements on each episode, without statistics and places."""
         return self.rows("episodes", lambda name: not _NO_FACT.fullmatch(name))
 
     def facts(self) -> dict[str, dict[str, Parsed]]:
@@ -114,7 +114,7 @@ class MetaFolder:
             return None
 
     def listed(self, present: Sequence[str]) -> list[str]:
-        """Those of the data files `present` that it lists; all where it does not say, or lists none of them.
+        """The data files `present` that it lists; all where it does not say, or lists none of them.
 
         Before version 3 each episode has a file, so that files of episodes which ``meta`` does not name are strays.
         """

@@ -1,4 +1,4 @@
-"""What a recording says beside its steps: metadata, times, operators and tasks, and facts for who asks."""
+"""Statements of a recording beside its steps: metadata, times, operators and tasks, and facts for who asks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SIZES = "total_episodes", "total_frames"
 
 @dataclass(frozen=True)
 class Metadata:
-    """What a recording says of itself: attributes of a file, or LeRobot's ``meta``; empty where it says nothing."""
+    """Statements of a recording on itself: attributes of a file, or LeRobot's ``meta``; empty where it says nothing."""
 
     version: str = ""
     fps: float | None = None
@@ -43,7 +43,7 @@ class Metadata:
     facts: Mapping[str, Mapping[str, Parsed]] = field(default_factory=dict)  # of ``meta/episodes``: column, id, value
 
     def notes(self, n_demonstrations: int, n_steps: int) -> tuple[str, ...]:
-        """What ``meta`` says otherwise than the data, or cannot be used of it, in sentences."""
+        """Sentences on what ``meta`` says otherwise than the data, or what cannot be used of it."""
         counts = {"total_episodes": (n_demonstrations, "demonstrations"), "total_frames": (n_steps, "steps")}
         values = {name: [*dict.fromkeys(map(str, by_id.values()))] for name, by_id in self.facts.items()}
         facts = ", ".join([f"{name} ({quoted(some, 4)})" for name, some in values.items() if len(some) > 1][:8])
@@ -152,7 +152,7 @@ _WALL_CLOCK = 5e8, 1e10
 
 @dataclass(frozen=True, eq=False)
 class Times:
-    """What a recording says about its times and lengths."""
+    """Statements of a recording on its times and lengths."""
 
     timestamps: Float[Array, " N"] | None = None  # of each step in seconds; NaN where it is missing
     fps: float | None = None  # frames a second
@@ -164,7 +164,7 @@ class Clock:
     """A column of time."""
 
     ticks: Float[Array, " N"]
-    """Of each step, in the order of the demonstrations, from the smallest on; NaN where it is missing."""
+    """Times of the steps, in the order of the demonstrations, from the smallest on; NaN where it is missing."""
     unit: float | None
     """Seconds in a tick, None where neither type, name nor size says it: then it is taken to be a second."""
 
@@ -176,7 +176,7 @@ class Clock:
         return float(lengths.sum() * self.unit), 1 / (step * self.unit)
 
     def lengths(self, offsets: Array) -> Float[Array, " M"]:
-        """Of the demonstrations, in ticks."""
+        """Lengths of the demonstrations, in ticks."""
         return np.asarray(self.ticks[offsets[1:] - 1] - self.ticks[offsets[:-1]])
 
 

@@ -62,7 +62,7 @@ def opened(filesystem: fs.FileSystem, path: str) -> Iterator[pq.ParquetFile]:
 def read_table(
     path: PurePath | str, columns: Sequence[str] | None = None, filesystem: fs.FileSystem | None = None
 ) -> pa.Table:
-    """Those of the columns that are there, by default all; a `DataError` where they do not fit in memory.
+    """Read the columns that are there, by default all; a `DataError` where they do not fit in memory.
 
     Errors of pyarrow are left as they are.
     """

@@ -36,13 +36,13 @@ ColumnStatistics = Mapping[str, Parsed]
 """Lists by name: min, max, mean, std, count, and quantiles called q01 to q99."""
 
 ByFeature = dict[str, ColumnStatistics]
-"""Those of each feature."""
+"""Statistics of each feature."""
 
 MOMENTS: dict[str, Callable[..., Array]] = {"min": np.min, "max": np.max, "mean": np.mean, "std": np.std}
 
 
 def joined_stats(episodes: Sequence[ColumnStatistics]) -> dict[str, Parsed]:
-    """Those of episodes together, by their counts: of quantiles the mean, as LeRobot has it."""
+    """Join the statistics of episodes, by their counts: of quantiles the mean, as LeRobot has it."""
     counts = np.array([np.ravel(one["count"])[0] for one in episodes], dtype=float)
     names = [name for name in episodes[0] if name != "count" and all(name in one for one in episodes)]
     values = {name: np.array([one[name] for one in episodes], dtype=float) for name in names}
@@ -57,7 +57,7 @@ def joined_stats(episodes: Sequence[ColumnStatistics]) -> dict[str, Parsed]:
 
 
 def stats_of_data(data: Path, like: Mapping[str, ColumnStatistics]) -> ByFeature:
-    """Those of the columns of numbers in the Parquet files of a folder that `like` names, which says what each has.
+    """Statistics of the columns of numbers in a folder's Parquet files that `like` names, which says what each has.
 
     Numbers are added in the order of the rows, as LeRobot does.
     """
@@ -82,7 +82,7 @@ def stats_of_data(data: Path, like: Mapping[str, ColumnStatistics]) -> ByFeature
 
 
 def shifted_stats(one: ColumnStatistics, by: float) -> dict[str, Parsed]:
-    """Those of the same numbers with `by` added."""
+    """Statistics of the same numbers with `by` added."""
     moved = (name for name in one if name not in ("std", "count"))
     return dict(one) | {name: [value + by for value in one[name]] for name in moved}
 
@@ -108,7 +108,7 @@ NEAR_SECONDS = 1e-4
 
 
 class EpisodeRows(NamedTuple):
-    """Those of an episode: how many, the first ``index`` or -1, the file, and the seconds at which they begin.
+    """Rows of an episode: how many, the first ``index`` or -1, the file, and the seconds at which they begin.
 
     Where these are `off` by more seconds than LeRobot takes, and there are `fps` a second, they begin at 0.
     """
@@ -133,7 +133,7 @@ class CheckedFolder:
 
     @property
     def info(self) -> dict[str, Parsed]:
-        """What ``info.json`` says."""
+        """The content of ``info.json``."""
         return self.meta.info
 
     @cached_property
@@ -189,18 +189,18 @@ class CheckedFolder:
 
     @cached_property
     def episodes(self) -> dict[int, dict[str, Parsed]]:
-        """What ``meta`` says of each episode, without its statistics; empty where it says nothing."""
+        """The statements of ``meta`` on each episode, without its statistics; empty where it says nothing."""
         rows = self.meta.rows("episodes", lambda column: not column.startswith("stats/"))
         return {int(row["episode_index"]): row for row in rows}
 
     @cached_property
     def schema(self) -> pa.Schema | None:
-        """That of the table of the episodes; None where it is no Parquet file."""
+        """The schema of the table of the episodes; None where it is no Parquet file."""
         schemas = [pq.read_schema(str(place)) for place in self.meta.tables("episodes")]
         return pa.unify_schemas(schemas, promote_options="permissive") if schemas else None
 
     def statistics(self) -> dict[int, ByFeature]:
-        """Those of each episode by feature; empty where ``meta`` has none by episode."""
+        """Statistics of each episode by feature; empty where ``meta`` has none by episode."""
         if self.schema is None:
             return {int(row["episode_index"]): row["stats"] for row in self.meta.rows("episodes_stats")}
         found: dict[int, ByFeature] = {}

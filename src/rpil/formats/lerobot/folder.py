@@ -52,7 +52,7 @@ def claims(path: Path) -> bool:
 
 
 def check_output(path: Path, output: Path) -> dict[str, Parsed]:
-    """What ``meta/info.json`` says; a `DataError` or `MissingExtraError` where `keep` cannot write to `output`."""
+    """Read ``meta/info.json``; a `DataError` or `MissingExtraError` where `keep` cannot write to `output`."""
     info = CheckedFolder(path).info
     version = info.get("codebase_version")
     if version not in PATHS:
@@ -73,7 +73,7 @@ def check_output(path: Path, output: Path) -> dict[str, Parsed]:
 
 @dataclass
 class Kept:
-    """What is written: the episodes `wanted`, with new numbers from 0 in the order of the files."""
+    """The new folder: the episodes `wanted`, with new numbers from 0 in the order of the files."""
 
     old: CheckedFolder
     new: Path
@@ -277,7 +277,7 @@ def _write_statistics(kept: Kept, by_episode: Sequence[ByFeature], gone: Sequenc
 
 
 def commands(path: Path, ids: Sequence[object], kept: Sequence[object], output: StrPath = "") -> list[str]:
-    """What to give LeRobot, so that its version 0.6.1 trains on the episodes `kept` among `ids`.
+    """Commands that let LeRobot 0.6.1 train on the episodes `kept` among `ids`.
 
     Where there are more than `MAX_LISTED` episodes, the shell reads their numbers from the JSON file `output`.
     """

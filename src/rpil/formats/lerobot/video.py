@@ -52,7 +52,7 @@ class Packets:
 
     @classmethod
     def of(cls, path: Path) -> Packets:
-        """Those of a file; a `DataError` where it is no video, or a damaged one."""
+        """Packets of a file; a `DataError` where it is no video, or a damaged one."""
         with _opened(path) as source:
             stream = source.streams.video[0]
             codec, head = stream.codec_context.name, stream.codec_context.extradata or b""
