@@ -61,8 +61,7 @@ ANSWERS: dict[str, AnswerSettings] = {
     "no prior on the ranking (by_ranking 0)": AnswerSettings(by_ranking=0.0),
     "no prior on the group (by_group 0)": AnswerSettings(by_group=0.0),
     "precision 4": AnswerSettings(precision=4.0),
-    "answers need not agree (min_explained -1e9)": AnswerSettings(min_explained=-NEVER),
-    "min_explained .6": AnswerSettings(min_explained=0.6),
+    "min_proba .77": AnswerSettings(min_proba=0.77),
     "min_proba .9": AnswerSettings(min_proba=0.9),
 }
 

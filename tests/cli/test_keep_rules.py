@@ -30,7 +30,7 @@ def kept_in(path):
 
 
 def test_an_audit_lists_what_keep_keeps():
-    data, more = write("d.parquet", FEW), labels(_0="good", _3="bad", _8="bad")
+    data, more = write("d.parquet", FEW), labels(_0="good", _1="good", _3="bad", _8="bad")
     result = ok("audit", data, *COLUMNS, *more, "--keep", "k.json", "--format", "json", "-q")
     listed = json.loads(Path("k.json").read_text())
     assert json.loads(result.stdout)["keep"] == {name: listed[name] for name in ("episodes", "rejected")}

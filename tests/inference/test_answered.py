@@ -9,7 +9,7 @@ import pytest
 from scipy.special import expit, logit
 
 from hand_made import COLUMNS, answers_of
-from rpil.inference.answered import Answered, answer, contradicting, explained, places_to_ask, predicted
+from rpil.inference.answered import Answered, agreement, answer, contradicting, places_to_ask, predicted
 from rpil.inference.settings import AnswerSettings
 from rpil.inference.witnesses import regression, weigh
 
@@ -33,16 +33,21 @@ def evidence_of(answers):
     return rows, evidence, evidence + np.append(by_witnesses, np.zeros(n_pairs)), n_pairs, by_witnesses
 
 
-def log_odds_by(answers):
-    """By the columns, and by witnesses."""
-    rows, _, total, n_pairs, by_witnesses = evidence_of(answers)
-    return regression(rows, total, n_pairs, SETTINGS)(rows[:12]) + by_witnesses
+def by_columns(answers):
+    rows, _, total, n_pairs, _ = evidence_of(answers)
+    return regression(rows, total, n_pairs, SETTINGS)(rows[:12])
 
 
-def share_explained(answers):
+def trust_in(answers):
     rows, evidence, total, n_pairs, _ = evidence_of(answers)
     answered, right = predicted(rows, evidence, total, n_pairs, len(answers.tied), SETTINGS)
-    return explained(evidence[answered], right, n_pairs, SETTINGS)
+    told = slice(len(answered) - 2 * len(answers.tied))
+    return max(agreement(evidence[answered][told], right[told], len(answers.pairs)), SETTINGS.min_trust)
+
+
+def log_odds_by(answers):
+    """By the columns as far as answers agree, and by witnesses."""
+    return SETTINGS.sharpness * trust_in(answers) * by_columns(answers) + evidence_of(answers)[-1]
 
 
 def test_a_label_decides_about_its_own_demonstration_and_others_are_judged_by_it():
@@ -57,30 +62,47 @@ def test_a_label_decides_about_its_own_demonstration_and_others_are_judged_by_it
 def test_verdicts_begin_at_the_limit_of_the_probability():
     some = answers_of(AGREED)
     log_odds = judged(some).log_odds
-    assert expit(log_odds[8]) > 0.77
-    assert expit(log_odds[1]) < 0.23
+    assert expit(log_odds[8]) > 0.85
+    assert expit(log_odds[1]) < 0.15
     for m in (8, 1):
         at, sign = float(expit(abs(log_odds[m]))), int(np.sign(log_odds[m]))
         assert [judged(some, min_proba=at + more).verdicts[m] for more in (-1e-9, 1e-9)] == [sign, 0]
-    free = some.labels == 0
-    expected = (log_odds >= logit(0.77)).astype(int) - (log_odds <= -logit(0.77))
-    np.testing.assert_array_equal(judged(some).verdicts[free], expected[free])
+    found, free = judged(some, sharpness=2.0), some.labels == 0
+    expected = (found.log_odds >= logit(0.85)).astype(int) - (found.log_odds <= -logit(0.85))
+    np.testing.assert_array_equal(found.verdicts[free], expected[free])
     assert {-1, 0, 1} == set(expected[free])
 
 
-def test_others_have_a_verdict_once_answers_predict_each_other():
+def test_answers_act_as_far_as_they_predict_each_other():
     some = answers_of(AGREED)
-    value = share_explained(some)
-    assert value > SETTINGS.min_explained
-    for limit, follows in ((value, True), (value + 1e-9, False)):
-        found = judged(some, min_explained=limit)
+    assert trust_in(some) > 0.5
+    for limit, follows in ((trust_in(some) - 1e-9, True), (trust_in(some) + 1e-9, False)):
+        found = judged(some, min_trust=limit)
         assert found.follows is follows
         assert found.verdicts[some.labels == 0].any() == follows
         np.testing.assert_array_equal(found.verdicts[some.labels != 0], some.labels[some.labels != 0])
-        np.testing.assert_array_equal(found.log_odds, judged(some).log_odds)
+    free = np.array(AS_NOTHING_SAYS) == 0
     nothing = judged(answers_of(AS_NOTHING_SAYS))
     assert not nothing.follows
-    assert not nothing.verdicts[np.array(AS_NOTHING_SAYS) == 0].any()
+    assert not nothing.verdicts[free].any()
+    shrunk = SETTINGS.sharpness * SETTINGS.min_trust * by_columns(answers_of(AS_NOTHING_SAYS))
+    np.testing.assert_allclose(nothing.log_odds[free], shrunk[free])
+
+
+@pytest.mark.parametrize(
+    ("evidence", "right", "n_pairs", "expected"),
+    [
+        ([1, 1, 1, -1], [0.9, 0.8, 0.7, 0.3], 0, (0.6 - 0.4) / 2),
+        ([1] * 15 + [-1], [0.9] * 15 + [0.1], 0, 0.0),  # as their share says
+        ([1, -1, 1, 1], [0.9, 0.6, 0.8, 0.7], 2, (0.6 + 0.4) / 2),  # a pair is both
+        ([1, 1], [0.7, 0.8], 2, 0.5),
+        ([1], [0.9], 0, 0.4),
+        ([], [], 0, 0.0),
+    ],
+)
+def test_the_agreement_of_answers_by_hand(evidence, right, n_pairs, expected):
+    found = agreement(np.array(evidence, dtype=float), np.array(right), n_pairs)
+    assert found == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +116,7 @@ def test_others_have_a_verdict_once_answers_predict_each_other():
     ],
 )
 def test_answers_without_contrast_give_no_other_verdict(one):
-    found = judged(one, min_explained=-9.0, min_proba=0.51)
+    found = judged(one, min_trust=1e-9, min_proba=0.51)
     assert not found.follows
     np.testing.assert_array_equal(found.verdicts, one.labels)
 
@@ -137,9 +159,8 @@ def test_an_outcome_alone_gives_words_where_columns_confirm_it():
     assert found.follows
     assert set(found.verdicts * truth) <= {0, 1}
     assert {-1, 1} <= set(found.verdicts)
-    assert judged(answers_of(m=60, outcome=outcome), columns, min_explained=0.999).follows, "as of labels alone"
     columns, coin, _ = flagged(0.5)
-    found = judged(answers_of(m=60, outcome=coin), columns, min_explained=-9.0)
+    found = judged(answers_of(m=60, outcome=coin), columns)
     assert not found.follows
     assert not found.verdicts.any()
     assert judged(answers_of(m=60, outcome=[coin, outcome]), columns).follows, "one is enough"
@@ -171,7 +192,7 @@ def test_labels_are_named_that_the_others_make_improbable():
     assert judged(some).contradicting.tolist() == [11]
     assert judged(answers_of([1, -1, -1, 0, 0, 0, 0, 0, 1, 1, 1, 0])).contradicting.tolist() == [0]
     without = replace(some, labels=np.where(EVERYTHING == 11, 0, some.labels))
-    proba = ERROR + (1 - 2 * ERROR) * expit(-log_odds_by(without)[11])
+    proba = ERROR + (1 - 2 * ERROR) * expit(-by_columns(without)[11])
     for limit, named in ((proba * 1.001, [11]), (proba * 0.999, [])):
         assert judged(some, max_contradicted_proba=limit).contradicting.tolist() == named
     assert judged(some, min_other_answers=6).contradicting.tolist() == [11]  # of seven
@@ -184,7 +205,7 @@ def test_labels_are_named_that_the_others_make_improbable():
 def test_only_the_most_improbable_labels_are_named_and_each_has_four_other_answers(n_answers, named):
     labels = np.array([0, 0, 1, 0, -1, 0, 0, 1] + [0] * 4)
     some = answers_of(labels, pairs=[(8, 9)] * (n_answers - 3))
-    expected = np.array([0.19, 0.21, 0.05] + [0.01] * (n_answers - 3))  # those of pairs are no labels
+    expected = np.array([0.19, 0.21, 0.05])
     assert contradicting(some, expected, SETTINGS).tolist() == named
     at_limit = replace(SETTINGS, max_contradicted_proba=0.19)
     assert contradicting(some, expected, at_limit).tolist() == [m for m in named if m == 7]
@@ -216,21 +237,6 @@ def test_the_two_rows_of_a_pair_without_a_difference_are_left_out_together():
         others = np.where(np.isin(np.arange(len(total)), own), 0.0, total)
         log_odds = regression(rows, others, n_pairs, SETTINGS)(rows[own])
         np.testing.assert_allclose(right[[first, first + 2]], ERROR + (1 - 2 * ERROR) * expit(log_odds))
-
-
-def test_what_the_others_explain_is_a_share_of_the_log_loss_by_hand_with_bounded_probabilities():
-    for evidence, right, n_pairs, shares in (
-        ([1, 1, 1, -1], [0.8, 0.9, 0.7, 0.4], 0, [2.5 / 4, 2.5 / 4, 2.5 / 4, 0.5 / 4]),
-        ([1, 1, -1, 1], [0.999, 0.6, 0.3, 0.001], 1, [1.5 / 3, 1.5 / 3, 0.5 / 3, 0.5]),
-        ([1, 1], [0.3, 0.9], 2, [0.5, 0.5]),
-        ([1], [0.5], 0, [0.5]),
-        ([-1], [0.9], 0, [0.5]),
-        ([1] * 40, [0.9] * 40, 0, [0.98] * 40),
-    ):
-        losses = [-np.log(np.clip(each, 0.02, 0.98)).sum() for each in (right, shares)]
-        assert explained(np.array(evidence, dtype=float), np.array(right), n_pairs, SETTINGS) == pytest.approx(
-            1 - losses[0] / losses[1]
-        )
 
 
 # What to ask next.

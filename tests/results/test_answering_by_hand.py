@@ -88,7 +88,7 @@ def test_answers_are_counted(labels, pairs, outcome, counts):
 
 def test_the_other_demonstrations_of_a_person_are_evidence_and_a_word_agrees_with_all_of_it():
     """Ann has one demonstration that seems good, and others that are labelled bad."""
-    columns = np.repeat([1.0, 0.8, 1.0, -1.0], [1, 1, 4, 6])[:, None] * np.ones((12, 2))
+    columns = np.repeat([1.0, 0.5, 1.0, -1.0], [1, 1, 4, 6])[:, None] * np.ones((12, 2))
     people = Demonstrator("Ann", None, (1, *range(6, 12))), Demonstrator("Bob", None, (0, *range(2, 6)))
     labels = dict.fromkeys(range(2, 6), "good") | dict.fromkeys(range(6, 12), "bad")
     audit = make_audit(("open",) * 12, lengths=[2] * 12, columns=columns)

@@ -56,7 +56,7 @@ def test_demonstrator_is_the_reason_where_its_part_is_the_larger() -> None:
 
 
 def test_reason_of_an_open_one_is_true_of_high_and_of_low_log_odds() -> None:
-    limit = float(np.log(0.77 / 0.23))  # of the verdict good
+    limit = float(np.log(0.85 / 0.15))  # of the verdict good
     log_odds = np.array([limit + 0.01, limit - 0.01, 0.01 - limit, -0.01 - limit])
     audit = make_audit(
         ("open",) * 4, log_odds=log_odds, anchor="answers", finding="answered", **NO_STRETCH | {"lengths": [10] * 4}

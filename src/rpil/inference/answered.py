@@ -5,9 +5,8 @@ P(good) is that of a logistic regression on the columns of `rpil.inference.chann
 ranking, and `by_group` on the last one, the group of scores. "i is better than j" is a row x_i - x_j, and "no
 difference" such a row both ways (Davidson 1970).
 
-Answers give verdicts only where they predict each other: each is predicted by the others, which explain at least
-`min_explained` of the log-loss that the share of good ones leaves (McFadden 1974). Where no answers contrast, a witness
-must be confirmed. docs/model.md has the formulas.
+Answers act as far as they predict each other: each is predicted by the others, and the log-odds are multiplied by how
+much more often than not they are right. docs/model.md has the formulas.
 """
 
 from __future__ import annotations
@@ -61,20 +60,21 @@ def answer(
     once = replace(once, heard=witnesses.heard)
     by_witnesses = witnesses.evidence.sum(axis=1)
     total[: len(first)] += by_witnesses
-    log_odds = regression(rows, total, n_pairs, settings)(rows[: len(first)]) + by_witnesses
+    # Where answers do not contrast, what witnesses say is predicted as well.
+    known = np.where((evidence != 0) | is_contrast(evidence, n_pairs), evidence, total)
+    answered, right = predicted(rows, known, total, n_pairs, len(once.tied), settings)
+    told = slice(len(answered) - 2 * len(once.tied))  # no difference is as right both ways
+    trust = max(agreement(known[answered][told], right[told], len(once.pairs)), settings.min_trust)
+    by_columns = regression(rows, total, n_pairs, settings)(rows[: len(first)])
+    log_odds = settings.sharpness * trust * by_columns + by_witnesses
     log_odds = np.clip(log_odds, *logit([settings.min_proba_bound, 1 - settings.min_proba_bound]))
-    answered, right = predicted(rows, evidence, total, n_pairs, len(once.tied), settings)
-    follows = once.contrast and (
-        explained(evidence[answered], right, n_pairs, settings) >= settings.min_explained
-        if is_contrast(evidence, n_pairs)
-        else any(witnesses.heard)
-    )
+    follows = once.contrast and trust > settings.min_trust
     limit = logit(settings.min_proba) if follows else np.inf
     verdicts = (log_odds >= limit).astype(int) - (log_odds <= -limit)
     said = replace(answers, heard=witnesses.heard).shared(copy_of).said
     log_odds = np.where(said == 0, log_odds[place], said * logit(1 - settings.min_proba_bound))
     verdicts = np.where(said == 0, verdicts[place], said)
-    doubtful = contradicting(once, right, settings)
+    doubtful = contradicting(once, right[np.isin(answered, np.flatnonzero(once.labels))], settings)
     named = np.flatnonzero(np.isin(place, doubtful) & (answers.labels != 0))
     return Answered(log_odds, verdicts, named, once.count, bool(follows), witnesses)
 
@@ -101,28 +101,25 @@ def predicted(
     return answered, right
 
 
-def explained(evidence: Float[Array, " A"], right: Float[Array, " A"], n_pairs: int, settings: AnswerSettings) -> float:
-    """The share of the log-loss of answers that the others explain (McFadden 1974), beyond the share of good ones among
-    other labels; of pairs one in two is better. No answer is surer than the rate of wrong ones."""
-    yes = evidence[: len(evidence) - n_pairs] > 0
-    others = (yes.sum() - yes + 0.5) / max(len(yes), 1)
-    shares = np.append(np.where(yes, others, 1 - others), np.full(n_pairs, 0.5))
-    losses = [-np.log(np.clip(each, settings.error, 1 - settings.error)).sum() for each in (right, shares)]
-    return float(1 - losses[0] / losses[1])
+def agreement(evidence: Float[Array, " A"], right: Float[Array, " A"], n_pairs: int) -> float:
+    """How much more often than not answers are `right` by the others, from -1 to 1: of those for good and of those for
+    bad in equal parts, so that their share tells nothing; a pair is both, and the last `n_pairs` are pairs."""
+    is_pair = np.arange(len(evidence)) >= len(evidence) - n_pairs
+    sides = (right[is_pair | (evidence * sign > 0)] for sign in (1, -1))
+    return float(np.mean([2 * side.mean() - 1 if len(side) else 0.0 for side in sides]))
 
 
-def contradicting(answers: Answers, right: Float[Array, " A"], settings: AnswerSettings) -> Int[Array, " K"]:
-    """The demonstrations whose labels the other answers make improbable; labels are the first of the answers, and each
-    is `right` with a probability by the others.
+def contradicting(answers: Answers, right: Float[Array, " L"], settings: AnswerSettings) -> Int[Array, " K"]:
+    """The demonstrations whose labels the other answers make improbable; each label is `right` with a probability by
+    the others.
 
     Without a contrast none does. A wrong label makes right ones improbable, too: only the most improbable are named, as
     many as leave each `min_other_answers` answers that it contradicts.
     """
     labelled = np.flatnonzero(answers.labels)
     most = answers.count // (settings.min_other_answers + 1) if answers.contrast else 0
-    expected = right[: len(labelled)]
-    least = np.argsort(expected, kind="stable")[:most]
-    return np.sort(labelled[least[expected[least] < settings.max_contradicted_proba]])
+    least = np.argsort(right, kind="stable")[:most]
+    return np.sort(labelled[least[right[least] < settings.max_contradicted_proba]])
 
 
 def places_to_ask(

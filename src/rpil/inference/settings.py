@@ -128,7 +128,8 @@ class ChannelSettings:
 @settings_record(
     by_ranking="[0, inf)",
     by_group="[0, inf)",
-    min_explained="(-inf, 1)",
+    sharpness="(0, inf)",
+    min_trust="(0, 1)",
     min_proba="(0.5, 1)",
     error="(0, 0.5)",
     max_contradicted_proba="(0, 1)",
@@ -159,9 +160,11 @@ class AnswerSettings:
     """Nats by which the log-odds of the upper group are bounded as a column."""
     group_scale: float = 2.0
     """Value of the column of the group at that bound."""
-    min_explained: float = 0.4
-    """Share of the log-loss of answers that the others must explain."""
-    min_proba: float = 0.77
+    sharpness: float = 4.0
+    """Factor of the log-odds by columns where answers predict each other without a doubt."""
+    min_trust: float = 0.05
+    """Share that stays of the log-odds where answers do not predict each other: the order."""
+    min_proba: float = 0.85
     """P(good) from which a demonstration is good, and 1 - P from which it is bad."""
     min_proba_bound: float = 1e-6
     """P(good) stays so far from 0 and 1."""

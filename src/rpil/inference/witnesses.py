@@ -26,8 +26,8 @@ from rpil.numerics.types import Array, Float, Int
 
 NOTHING = 1e6
 """Precision of weights that are 0."""
-MAX_ITER, TOL, MIN_STEP = 50, 1e-8, 1e-3
-"""Iterations at most, the gain in nats at which they stop, and the least share of a step."""
+MAX_ITER, TOL = 50, 1e-8
+"""Iterations at most, and the gain in nats, and the share of a step, at which they stop."""
 CHANCE = 2.5
 """Nats by which columns explain a witness at the level of chance."""
 N_FOLDS = 5
@@ -107,7 +107,7 @@ def _laplace(rows: Array, evidence: Array, anchor: Array, precision: Array) -> t
         if slope @ step < TOL:
             break
         size = 1.0
-        while (now := log_joint(w + size * step)) < reached - TOL and size > MIN_STEP:
+        while (now := log_joint(w + size * step)) < reached - TOL and size > TOL:
             size /= 2
         w, reached = w + size * step, now
     return w, np.linalg.inv(slope_and_information(w)[1])
