@@ -32,6 +32,7 @@ lint: $(VENV)/.made
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/python tools/lint_words.py
 
 # The site, in build/docs; a warning is an error, and so is a page that loads something from elsewhere. Half a minute.
 docs: $(VENV)/.docs

@@ -59,7 +59,7 @@ def test_commands_run_and_print_what_is_shown(tmp_path):
     assert len(names["weights"]) == 16_000
     broken = {SO100[name] for name in ("FROZEN_CAMERA", "FROZEN_JOINT", "JUMP", "DROPPED")}
     rejected = set(range(50)) - set(json.loads((tmp_path / "ids.json").read_text())["episodes"])
-    assert (len(rejected), len(rejected - broken - set(SO100["DISTRACTED"]))) == (10, 0)
+    assert (len(rejected), len(rejected - broken - set(SO100["DISTRACTED"]))) == (12, 0)
 
 
 def test_links_are_those_of_the_repository_and_lead_to_files():

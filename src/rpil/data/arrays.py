@@ -13,13 +13,13 @@ from rpil.data.errors import DataError
 from rpil.numerics.types import Array, Bool
 
 Id = int | str
-"""Of a demonstration: whole numbers for all of them, or text for all of them."""
+"""Ids of demonstrations: whole numbers for all of them, or text for all of them."""
 
 Indices = slice | int | Sequence[int] | Array
 """Numbers of demonstrations, or a mask over them."""
 
 ActionKind = Literal["auto", "discrete", "continuous"]
-"""Of the actions; "auto" decides by `action_kind`."""
+"""Kinds of actions; "auto" decides by `action_kind`."""
 
 FEW_CLASSES, MAX_CLASSES, STEPS_PER_CLASS = 10, 100, 10
 """Whole numbers are classes where at most `FEW_CLASSES` differ, or at most `MAX_CLASSES` with this many steps each."""

@@ -58,7 +58,7 @@ class Copies:
         return self.first[self.place]
 
     def rows(self, offsets: Int[Array, " M1"]) -> Int[Array, " N"]:
-        """Of each step of all demonstrations, whose bounds are `offsets`, its row among those of the first ones."""
+        """For each step of all demonstrations, whose bounds are `offsets`, its row among those of the first ones."""
         lengths = np.diff(offsets)
         begins = np.cumsum(np.append(0, lengths[self.judged]))[:-1]
         return np.asarray(np.arange(offsets[-1]) + np.repeat(begins[self.place] - offsets[:-1], lengths))

@@ -59,7 +59,7 @@ def shard_bounds(offsets: NDArray[np.int64], n_shards: int, block_steps: int) ->
 
 
 class DemonstrationSet:
-    """What demonstrations in memory and on disk have in common: ids, counts and the range of the actions.
+    """Common parts of demonstrations in memory and on disk: ids, counts and the range of the actions.
 
     `classes` (K,) are the distinct discrete actions, in order; `low` and `high` (A,) the smallest and largest
     continuous ones.

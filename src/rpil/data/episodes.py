@@ -16,7 +16,7 @@ from rpil.data.errors import DataError
 from rpil.numerics.types import Array
 
 NAMES = ("observations", "obs", "observation"), ("actions", "acts", "action")
-"""What an episode, or a step, calls its observations and its actions: Minari, imitation, Gymnasium."""
+"""Names that an episode, or a step, gives its observations and its actions: Minari, imitation, Gymnasium."""
 
 
 def lay_end_to_end(
@@ -70,7 +70,7 @@ def as_episode(given: object, where: str) -> tuple[Array, Array, tuple[str, ...]
 
 
 def _kind(part: object) -> object:
-    """What all episodes have in common: names, or the width of an array and whether it is text."""
+    """Common form of all episodes: names, or the width of an array and whether it is text."""
     return (part.shape[1:], part.dtype.kind == "U") if isinstance(part, np.ndarray) else part
 
 

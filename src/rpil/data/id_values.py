@@ -24,7 +24,7 @@ from rpil.numerics.types import Array, Int
 Label = Literal["good", "bad"]
 Relation = Literal["better than", "same as"]
 Pairs = dict[tuple[str, str], Relation]
-"""What the first demonstration is to the second, by their ids as text; of two that are the same the first is less."""
+"""Relation of the first demonstration to the second, ids as text; of two that are the same the first is less."""
 IdRow = tuple[str, object, *tuple[str, ...]]
 """An id, its value, and what else a file says of it."""
 

@@ -29,7 +29,7 @@ def read_text(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8"
 
 
 def read_json(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8") -> Parsed:
-    """What a file of JSON holds; errors are those of `parse`."""
+    """Read a file of JSON; errors are those of `parse`."""
     return parse(read_text(path, limit, encoding), str(path), limit)
 
 

@@ -1,4 +1,4 @@
-"""What the names of columns mean, in the spellings that people use."""
+"""Meanings of the names of columns, in the spellings that people use."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def may_be_outcome(name: str) -> bool:
 
 
 def action_columns(names: Sequence[str], n_actions: int) -> list[str]:
-    """What to call the columns of a continuous action so that they are read as such: by number where names fail."""
+    """Names for the columns of a continuous action so that they are read as such: by number where names fail."""
     columns = [f"action.{re.sub(r'^actions?[._]', '', name)}" for name in names]
     whole, part = ACTION_COLUMNS[0]
     plain = [plain_name(column) for column in columns]

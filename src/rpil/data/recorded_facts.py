@@ -17,22 +17,22 @@ from rpil.data.names import plain_name
 from rpil.numerics.types import Array, Float, Int
 
 Outcome = Mapping[int, float] | Mapping[str, float] | Sequence[float] | Array
-"""What a user gives: a number by id, or one for each demonstration."""
+"""Values that a user gives: a number by id, or one for each demonstration."""
 
 FILE_SESSION = "file"
-"""What a user names in the place of a column of the session: the file of each demonstration."""
+"""The word that stands for the file of each demonstration in the place of a column of the session."""
 
 _REWARD = re.compile(r"(?:next_)?rew(?:ard)?s?")
 
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """What is known of M demonstrations beside their steps; nothing of it is used unless it is asked for."""
+    """Facts about M demonstrations beside their steps; nothing of it is used unless it is asked for."""
 
     order: Float[Array, " M"] | None = None
     """The position of each demonstration in the order that the file states, if it states one."""
     sessions: tuple[str, ...] = ()
-    """Of each demonstration; empty where none are known."""
+    """Session of each demonstration; empty where none is known."""
     outcomes: tuple[Float[Array, " M"], ...] = ()
     """How each demonstration ended, by one column or several, more is better; NaN where it is not known."""
     outcome_names: tuple[str, ...] = ()

@@ -37,7 +37,7 @@ class Discrete:
 
     @property
     def expected(self) -> str:
-        """What a policy must return for an observation, for messages."""
+        """Form of the output of a policy for one observation, for messages."""
         return f"one action {self.start} to {self.start + self.n - 1}"
 
     def bounded(self, outputs: Array) -> Array:
@@ -97,7 +97,7 @@ class Box:
 
     @property
     def expected(self) -> str:
-        """What a policy must return for an observation, for messages."""
+        """Form of the output of a policy for one observation, for messages."""
         return "one finite number" if self.n_parts == 1 else f"{self.n_parts} finite numbers"
 
     @property

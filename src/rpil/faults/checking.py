@@ -117,7 +117,7 @@ def files_alone(data: object) -> tuple[Fault, ...]:
 def _check_files(
     recording: Recording | Demonstrations | Dataset, demonstrations: DemonstrationSet, video: bool
 ) -> tuple[list[Fault], dict[str, str]]:
-    """What is found in the files beside the demonstrations, and the rules that need a look at videos, without one."""
+    """Faults in the files beside the demonstrations, and the rules that need a look at videos, without one."""
     read = recording if isinstance(recording, Recording) and recording.find_defects else None
     if video and not (read and read.description.format.startswith("LeRobot")):
         raise DataError(f"{demonstrations.source}: <option> is for folders of LeRobot; leave it out.", ("video",))
@@ -184,7 +184,7 @@ def _with_missing(recording: Recording) -> Demonstrations | Dataset:
 def _measure(
     demonstrations: Demonstrations | Dataset, learned: Learned, seconds: float | None
 ) -> tuple[dict[Measure, tuple[Array, ...]], Bool[Array, " M"], list[Fault]]:
-    """What was measured of the demonstrations without missing values, block by block; a mask of these demonstrations;
+    """Measures of the demonstrations without missing values, block by block; a mask of these demonstrations;
     and what is missing in the others."""
     measures = list(dict.fromkeys([Duplicate.measure, *(rule.measure for rule in COMPARING)]))
     parts, masks = [], []

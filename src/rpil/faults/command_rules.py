@@ -22,7 +22,7 @@ class CommandRule(ComparingRule):
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """What `relation` says of each demonstration, (M, P); three quantiles of the distance of each action from its
+        """Result of `relation` for each demonstration, (M, P); three quantiles of the distance of each action from its
         state, (M, P); the steps that states need for the distance, (M,); and `misfits`."""
         pairs, found, turn = learned.tracked, [], block.turn[learned.tracked.action, None]
         for actions, states in parts_of(block, pairs):
@@ -107,7 +107,7 @@ class CommandAgainstState(CommandRule):
         return f"{fault.column} {said[self.kind[m, c]]}"
 
     def findings(self) -> Iterator[Fault]:
-        """Those of sign and unit under the names that they have where other demonstrations tell them."""
+        """Faults of sign and unit under the names that they have where other demonstrations tell them."""
         for fault in super().findings():
             kind = int(self.kind[self.data.ids.index(fault.id), self.names.index(fault.column)])
             yield replace(fault, rule=(self.name, "scale", "sign")[kind])

@@ -1,4 +1,4 @@
-"""What a sample of the demonstrations tells about the columns of a recording: which measure something, and how they
+"""Facts about the columns of a recording, told by a sample of its demonstrations: which measure something, and how they
 usually move; and sums over the steps of each demonstration of a block.
 
 Arrays are (C, T), one column of the recording in a row, so that a demonstration is contiguous. `offsets` (M + 1,) run
@@ -95,7 +95,7 @@ class MovingBlock:
 
 
 def column_labels(demonstrations: Demonstrations | Dataset) -> tuple[str, ...]:
-    """What findings call the columns, all observations, then all actions: their names, where these tell them apart."""
+    """Names of the columns in findings, all observations, then all actions: their own, where these tell them apart."""
     states, named = demonstrations.observation_names, dict(enumerate(demonstrations.action_names))
     actions = [str(named.get(a, a)) for a in range(0 if demonstrations.is_discrete else demonstrations.n_actions)]
     vague = {*states} & {*actions}

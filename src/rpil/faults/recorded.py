@@ -28,7 +28,7 @@ class MissingValues(Rule):
 
     @classmethod
     def find(cls, block: Block, ids: tuple[Id, ...], labels: tuple[str, ...], seconds: float | None) -> Iterator[Fault]:
-        """Those of each demonstration; `ids` are those of all the data, `labels` those of `column_labels`."""
+        """Faults of each demonstration; `ids` are those of all the data, `labels` those of `column_labels`."""
         values = all_values(block)
         for m, (begin, end) in enumerate(itertools.pairwise(block.offsets)):
             steps, columns = np.nonzero(~np.isfinite(values[begin:end]))
@@ -75,7 +75,7 @@ def recorded_time(times: Times, demonstrations: DemonstrationSet) -> float | Non
 
 
 def _tick(steps: Array) -> float:
-    """What a clock that is coarser than the frames counts in, as one of whole seconds; 0 for other clocks."""
+    """Unit in which a clock counts that is coarser than the frames, as one of whole seconds; 0 for other clocks."""
     later = steps[steps > 0]
     return float(later.min()) if len(later) and np.median(steps) == 0 else 0.0
 
@@ -166,7 +166,7 @@ FOLDER_RULES = OF_FILES + OF_TIMES + BY_LOOKING
 
 
 def find_beside(defects: Iterable[Defect], demonstrations: DemonstrationSet) -> list[Fault]:
-    """What formats found, each about the demonstration that it names, or about none."""
+    """Findings of formats, each about the demonstration that it names, or about none."""
     names, found = {str(name): m for m, name in enumerate(demonstrations.ids)}, []
     for one, m in ((one, names.get(one.place)) for one in defects):
         fault = fault_of(one)
@@ -178,7 +178,7 @@ def find_beside(defects: Iterable[Defect], demonstrations: DemonstrationSet) -> 
 
 
 def fault_of(one: Defect) -> Fault:
-    """What a format found, about no demonstration."""
+    """A finding of a format, about no demonstration."""
     severity = 1.0 if one.what in {rule.name for rule in OF_FILES} else np.inf
     return Fault(one.what, "", 0, 0, "", 1.0, 0.0, severity, f"{one.place}: {one.sentence}")
 

@@ -27,7 +27,7 @@ OF_AUDIT = {
     "a group apart": "a few act alike, and differ from the rest; without an answer nobody can say if they are worse",
     "nothing could be learned": "the observations do not help to predict the actions",
 }
-"""What an audit finds, and what that is; the rules of `RULES` have words of their own."""
+"""Findings of an audit, and what they are; the rules of `RULES` have words of their own."""
 
 _OF_RECORDINGS = (
     "missing values, frame count, dropped frames, repeated frames, frozen sensor, frozen action, saturation, spike, "
@@ -60,7 +60,7 @@ MAX_SHOWN = 10  # findings in the text of a report
 
 @dataclass(frozen=True, repr=False)
 class FaultReport:
-    """What was found in M demonstrations; `to_frame` has a row for each finding.
+    """Faults in M demonstrations; `to_frame` has a row for each finding.
 
     Attributes
     ----------

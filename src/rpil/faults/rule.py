@@ -1,4 +1,4 @@
-"""What every rule has, and what rules that compare demonstrations know of them.
+"""Base of every rule, and what rules that compare demonstrations know of them.
 
 A rule is a class, found by its name in `rpil.faults.report.RULES`. It has words, what must be there for it, what it
 measures of each demonstration, and how it compares what was measured.
@@ -101,7 +101,7 @@ def in_words(names: Sequence[Id], every: Sequence[Id], groups: Grouping) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """What a sample of the demonstrations tells."""
+    """Facts told by a sample of the demonstrations."""
 
     columns: MeasuredColumns
     pairs: tuple[Pair, ...]
@@ -135,7 +135,7 @@ Measure = Callable[[MovingBlock, Learned], tuple[Array, ...]]
 
 @dataclass(frozen=True, eq=False)
 class Measurements:
-    """What the rules compare: what each `Measure` gave for all M demonstrations without missing values."""
+    """The values that rules compare: what each `Measure` gave for all M demonstrations without missing values."""
 
     learned: Learned
     measured: Mapping[Measure, tuple[Array, ...]]
@@ -146,7 +146,7 @@ class Measurements:
 
     @cached_property
     def lacking(self) -> dict[str, str]:
-        """What rules may need and is not there, and a reason."""
+        """Reasons why something that rules may need is not there."""
         columns, least = self.learned.columns, settings.FEWEST_DEMONSTRATIONS
         codes = "every {} is constant, a code or a pixel, and measures nothing"
         reasons = {
@@ -194,7 +194,7 @@ class Rule:
 
 
 Compared = tuple[Array, Array | float, Array]
-"""What was measured, from where on it is a fault, and how many times beyond that it is; (M,) or (M, C)."""
+"""The measured value, from where on it is a fault, and how many times beyond that it is; (M,) or (M, C)."""
 
 
 class ComparingRule(Rule):
@@ -208,7 +208,7 @@ class ComparingRule(Rule):
     needs: tuple[str, ...] = ("columns", "several")
     sentence: str
     sentence_of_all: str = ""
-    """What is seen, in a column and in all together, which may name the fields of `Fault`, and what `say` adds."""
+    """Sentences for one column and for all together, which may name the fields of `Fault`, and what `say` adds."""
     takes_steps = False  # whether it says nothing of demonstrations of fewer than `LEAST_STEPS`
 
     def __init__(self, data: Measurements) -> None:
@@ -227,7 +227,7 @@ class ComparingRule(Rule):
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """What the rule must know of each demonstration. Steps count from the first of the demonstration, 0."""
+        """The measure that the rule needs of each demonstration. Steps count from the first of the demonstration, 0."""
         return ()
 
     def compare(self) -> Compared:
@@ -236,7 +236,7 @@ class ComparingRule(Rule):
         return nothing, 1.0, nothing
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        """What is seen in a demonstration and a column. The sentence may name `others`, and as times where they are
+        """A sentence on a demonstration and a column. It may name `others`, and as times where they are
         known, or else as steps: `first`, `last`, `long` from one to the other, and `most`, the threshold."""
         seconds, length = self.data.seconds, fault.last - fault.first + 1
         times = {"first": moment(fault.first, seconds), "last": moment(fault.last, seconds)}
@@ -263,7 +263,7 @@ class ComparingRule(Rule):
             yield replace(fault, sentence=self.say(fault, m, c) + also)
 
     def with_all(self, of_columns: Compared, of_all: Compared, first: Array, last: Array) -> Compared:
-        """What was compared of the columns, and beside them, as one without a name, of all of them together."""
+        """The compared columns, and beside them, as one without a name, of all of them together."""
         self.names = (*self.names, "")
         self.first, self.last = (np.column_stack(each) for each in ((self.first, first), (self.last, last)))
         every = zip(np.broadcast_arrays(*of_columns), np.broadcast_arrays(*of_all), strict=True)

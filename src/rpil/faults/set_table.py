@@ -138,7 +138,7 @@ def contradicting(states: Float[Array, "S T"], block: Block) -> float:
 
 
 def _stumbles(report: FaultReport, source: str) -> list[str]:
-    """What is broken, or idle, with the command that mends it where there is one."""
+    """Sentences on what is broken, or idle, with the command that mends it where there is one."""
     lines = []
     for one in report.lines:
         if one.grade != "broken" and one.rule not in MENDS:

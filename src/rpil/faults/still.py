@@ -27,7 +27,7 @@ class HeldValue(ComparingRule):
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """Of the run of one value that has most steps in motion: the number of these, its first step, its length and
+        """The run of one value that has most steps in motion: the number of these, its first step, its length and
         the value; and the lowest and the highest value. A column rests with its partner, as a hand that is closed:
         steps count in which that changes. Then from where on no observation changes, and in how many steps the action
         does; and how far the partner is from the value as the run begins, and at most in it."""
@@ -81,7 +81,7 @@ class HeldValue(ComparingRule):
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
-        """What is held until the end is a part of an idle tail, whose sensors have noise, or of a pause."""
+        """A value held until the end is a part of an idle tail, whose sensors have noise, or of a pause."""
         if cause.rule == "pause":
             return max(cause.first - fault.first, fault.last - cause.last) <= settings.REST_STEPS
         return fault.last == cause.last if cause.rule == "idle tail" else super().follows(fault, cause)

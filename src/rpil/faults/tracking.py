@@ -108,7 +108,7 @@ def parts_of(block: MovingBlock, pairs: Tracked) -> Iterator[tuple[Array, Array]
 
 
 def squared_correlation(actions: Float[Array, "A T"], states: Float[Array, "S T"]) -> Float[Array, "A S"]:
-    """Of each action with each state; 0 where either rests."""
+    """Squared correlation of each action with each state; 0 where either rests."""
     a, s = (values - values.mean(axis=1, keepdims=True) for values in (actions, states))
     power = np.outer((a**2).sum(axis=1), (s**2).sum(axis=1))
     return np.asarray((a @ s.T) ** 2 / np.where(power > 0, power, np.inf))

@@ -165,7 +165,7 @@ class Duplicate(Rule):
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
-        """What does not move is alike, but not the same."""
+        """Columns that do not move are alike, but not the same."""
         return fault.value > 0
 
     @classmethod

@@ -157,7 +157,7 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> Step
 
 
 def _said(attributes: Mapping[str, object], what: str) -> object:
-    """What the attributes of a group say of the task or the rate, by `_ATTRIBUTES`; None where they say nothing."""
+    """Value of a group's attribute on the task or the rate, by `_ATTRIBUTES`; None where they say nothing."""
     for place in _ATTRIBUTES[what]:
         name, *keys = place.split("/")
         if name not in attributes:  # faster than an error of the library
@@ -221,7 +221,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
 
 
 def unkept(path: Path, options: ColumnOptions) -> str:
-    """What `keep` writes no new file of, in words; empty where it writes one."""
+    """Name of the data that `keep` writes no new file of, in words; empty where it writes one."""
     if path.is_dir() or is_zarr(path):
         return "Zarr" if is_zarr(path) else "file of arrays for each demonstration"
     arrays = _open(path, options)

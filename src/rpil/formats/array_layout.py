@@ -120,7 +120,7 @@ class Arrays:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """That the data are of a simulation, and that links are not read, in words."""
+        """Notes, in words: the data are of a simulation, and links are not read."""
         sim = ("Recorded in a simulation.",) if str(self.attributes("").get("sim")) in ("True", "1") else ()
         return (*sim, *([f"Not read, because they are links: {commas(self.links)}."] if self.links else []))
 
@@ -323,5 +323,5 @@ _ROWS: tuple[tuple[tuple[str, ...], Callable[[Arrays], Array | None], str], ...]
     (("terminals",), _by_ends, _TERMINALS),
     (("actions",), _by_group, "All steps of the file are one demonstration."),  # as ALOHA writes it
 )
-"""What tells demonstrations apart where arrays lie end to end and no array of ids does: the roles of arrays, of which
+"""Roles that tell demonstrations apart where arrays lie end to end and no array of ids does: the arrays, of which
 the last one must be there, the number of the demonstration of each step, and how it was told."""

@@ -25,7 +25,7 @@ STRETCH = "pauses"
 """The column of the demonstrations that end at pauses, where no other column tells them apart."""
 
 LENGTH = "length"
-"""What a user names in the place of a column: the number of steps of each demonstration."""
+"""The word that a user names in the place of a column: the number of steps of each demonstration."""
 
 TIME_OF_STEP = "time or number of the step"  # why a column is no observation
 _MOST_COLUMNS = 50_000  # Arrow ends the process where there is no memory for its columns
@@ -33,7 +33,7 @@ _MOST_COLUMNS = 50_000  # Arrow ends the process where there is no memory for it
 
 @dataclass(frozen=True)
 class ColumnOptions:
-    """What decides how a file is read: what the user says of its columns, of which the others are found by name.
+    """Options of how a file is read: what the user says of its columns, of which the others are found by name.
 
     Most are the arguments of `rpil.read`; these are the others.
 

@@ -155,7 +155,7 @@ def _read_table(name: str, file: TextTable, columns: Columns, types: Mapping[str
 
 
 def _parsed(file: TextTable, take: Callable[..., Any], **conversion: object) -> Any:
-    """What `take` makes of the bytes and the options for reading, parsing and converting them.
+    """The result of `take` for the bytes and the options for reading, parsing and converting them.
 
     They are read again in larger blocks where a field does not fit in.
     """

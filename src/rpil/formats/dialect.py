@@ -48,7 +48,7 @@ class TextTable:
 
     @property
     def words(self) -> str:
-        """What is unusual about it."""
+        """Words for what is unusual about it."""
         found = [f"separated by {_SEPARATORS[self.separator]}"] if self.separator != "," else []
         found += ["decimal commas"] if self.decimal == "," else []
         found += [self.encoding] if self.encoding != "utf-8" else []

@@ -1,4 +1,4 @@
-"""What the library knows of a format: one record, with which the module of the format ends; and what one reads."""
+"""The record of a format, with which the module of the format ends; and what one reads."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Frame(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class StepTables:
-    """What a reader gives: tables one below the other, with a row for each step, and what the files say beside them."""
+    """Result of a reader: tables one below the other, with a row for each step, and what the files say beside them."""
 
     tables: Iterable[pa.Table] | ArrowFile  # read one by one; or a file of them
     columns: Columns
@@ -120,7 +120,7 @@ class Shot:
 
 @dataclass(frozen=True)
 class Format:
-    """What a format can do; what is left out of the record, it cannot."""
+    """The abilities of a format; what is left out of the record, it cannot."""
 
     name: str  # in messages
     # Whether the file or folder there has this format: False if unsure, and a `DataError` only to stop the search.
@@ -143,7 +143,7 @@ class Format:
 
 
 def kept_of(there: Iterable[K], ids: Sequence[Id], path: Path) -> list[K]:
-    """Those of the demonstrations `there` that are called `ids`, in their order; a `DataError` on an unknown id."""
+    """Members of `there`, the demonstrations that are called `ids`, in their order; a `DataError` on an unknown id."""
     names = list(there)
     check_ids(ids, names, path.name, "the ids")
     wanted = {*map(str, ids)}

@@ -1,4 +1,4 @@
-"""What a recording says beside its steps: metadata, times, operators and tasks, and facts for who asks."""
+"""Statements of a recording beside its steps: metadata, times, operators and tasks, and facts for who asks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MAX_NAMES = 20
 
 @dataclass(frozen=True)
 class Metadata:
-    """What a recording says of itself: attributes of a file, or LeRobot's ``meta``; empty where it says nothing."""
+    """Statements of a recording on itself: attributes of a file, or LeRobot's ``meta``; empty where it says nothing."""
 
     version: str = ""
     fps: float | None = None
@@ -119,7 +119,7 @@ _WORDS_OF_TIME = {"t", "ts", "time", "timestamp", "timestamps", "stamp", "elapse
 
 @dataclass(frozen=True, eq=False)
 class Times:
-    """What a recording says about its times and lengths."""
+    """Statements of a recording on its times and lengths."""
 
     timestamps: Float[Array, " N"] | None = None  # of each step in seconds; NaN where it is missing
     fps: float | None = None  # frames a second
@@ -131,7 +131,7 @@ class Clock:
     """A column of time."""
 
     ticks: Float[Array, " N"]
-    """Of each step, in the order of the demonstrations, from the smallest on; NaN where it is missing."""
+    """Times of the steps, in the order of the demonstrations, from the smallest on; NaN where it is missing."""
     unit: float | None
     """Seconds in a tick, None where neither type, name nor size says it: then it is taken to be a second."""
 
@@ -143,7 +143,7 @@ class Clock:
         return float(lengths.sum() * self.unit), 1 / (step * self.unit)
 
     def lengths(self, offsets: Array) -> Float[Array, " M"]:
-        """Of the demonstrations, in ticks."""
+        """Lengths of the demonstrations, in ticks."""
         return np.asarray(self.ticks[offsets[1:] - 1] - self.ticks[offsets[:-1]])
 
 

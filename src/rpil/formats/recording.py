@@ -105,7 +105,7 @@ class Recording:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """What is not read because it is damaged, or a value is missing, in sentences."""
+        """Sentences on what is not read because it is damaged, or a value is missing."""
         return left_out_lines(self.origin.skipped, self.set_aside)
 
     @cached_property
@@ -115,7 +115,7 @@ class Recording:
 
     @cached_property
     def tasks(self) -> dict[str, str]:
-        """What was to be done in each demonstration, by its id as text; empty where the file does not say."""
+        """The task of each demonstration, by its id as text; empty where the file does not say."""
         names, found = self.origin.metadata.tasks, defaultdict[str, list[str]](list)
         for m, value in pairs_of(self.steps, self.columns.task):
             found[m].append("" if value is None else names.get(str(value), str(value)))
@@ -129,7 +129,7 @@ class Recording:
         return None if values is None or not np.isin(values, (0, 1)).all() else np.asarray(values[:, 0] > 0)
 
     def times(self) -> Times:
-        """What the file says of its own times and lengths."""
+        """The statements of the file on its own times and lengths."""
         metadata = self.origin.metadata
         seconds = None if self.clock is None else self.clock.ticks * (self.clock.unit or 1.0)
         return Times(seconds, metadata.fps, metadata.lengths)

@@ -30,7 +30,7 @@ from rpil.formats.recording import Recording, from_tables
 
 _HUB_NAME = re.compile(r"(hf://datasets/)?([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)")
 _HUB_FILES = ["meta/**", "data/**", "*.parquet", "*.csv", "*.jsonl"]
-"""What is downloaded of a data set."""
+"""Patterns of the files that are downloaded of a data set."""
 
 _LISTS = (".json", ".txt")
 """Extensions of lists of ids."""
@@ -101,7 +101,7 @@ class ClaimedPath:
     path: StrPath
     format: Format
     name: str = ""
-    """Of a data set of the Hub, whose path is that of its files in a cache."""
+    """Name of a data set of the Hub, whose path is that of its files in a cache."""
 
     def read(self, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False) -> Recording:
         """The recording; see `rpil.formats.read_recording`."""
@@ -146,7 +146,7 @@ class ClaimedPath:
         return suffix in _LISTS and suffix != Path(self.path).suffix.lower()
 
     def unkept(self, options: ColumnOptions = ColumnOptions()) -> str:
-        """What `keep` writes no new file of, in words; empty where it writes one."""
+        """Name of the data that `keep` writes no new file of, in words; empty where it writes one."""
         if self.format.keep is None:
             return self.format.name.removeprefix("a ")
         return self.format.unkept(Path(self.path), options)

@@ -30,7 +30,7 @@ _ROUNDING = 1e-3  # of the steps of a time, as texts round them
 
 @dataclass(eq=False)
 class Scan:
-    """What the steps hold. Ranges are computed from values: pyarrow crashes on damaged Parquet statistics.
+    """Content of the steps. Ranges are computed from values: pyarrow crashes on damaged Parquet statistics.
 
     `missing`, `low`, `high` and `within`, (K,), say of each number of an action and an observation how often it is
     missing, its smallest and largest value, and whether it is the same within every demonstration.
@@ -179,7 +179,7 @@ SHORT_NAMES = 6  # in one line
 
 @dataclass(frozen=True)
 class Description:
-    """What a recording holds: demonstrations, steps, and the part that each column plays.
+    """Description of a recording: demonstrations, steps, and the part that each column plays.
 
     Attributes
     ----------
@@ -280,7 +280,7 @@ _MOST_NAMED = 30  # in one line
 def without_damaged(
     names: Iterable[str], read: Callable[[str], Found], skips: object = True
 ) -> tuple[dict[str, Found], list[str]]:
-    """What `read` makes of each file, and the names of the damaged ones; an error where `skips` is false for them, or
+    """Result of `read` for each file, and the names of the damaged ones; an error where `skips` is false for them, or
     no file is left."""
     found: dict[str, Found] = {}
     damaged: dict[str, DataError] = {}

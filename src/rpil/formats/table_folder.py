@@ -32,7 +32,7 @@ _REFUSED = {
     ),
     (".xlsx", ".xls", ".ods"): ("workbook", "export its table as CSV or Parquet"),
 }
-"""What is in the names of files that are not read, what they are, and what to do."""
+"""Parts of the names of files that are not read, what they are, and what to do."""
 
 
 def read(path: StrPath, options: ColumnOptions) -> StepTables:

@@ -35,13 +35,13 @@ ColumnStatistics = Mapping[str, Parsed]
 """Lists by name: min, max, mean, std, count, and quantiles called q01 to q99."""
 
 ByFeature = dict[str, ColumnStatistics]
-"""Those of each feature."""
+"""Statistics of each feature."""
 
 MOMENTS: dict[str, Callable[..., Array]] = {"min": np.min, "max": np.max, "mean": np.mean, "std": np.std}
 
 
 def joined_stats(episodes: Sequence[ColumnStatistics]) -> dict[str, Parsed]:
-    """Those of episodes together, by their counts: of quantiles the mean, as LeRobot has it."""
+    """Join the statistics of episodes, by their counts: of quantiles the mean, as LeRobot has it."""
     counts = np.array([np.ravel(one["count"])[0] for one in episodes], dtype=float)
     names = [name for name in episodes[0] if name != "count" and all(name in one for one in episodes)]
     values = {name: np.array([one[name] for one in episodes], dtype=float) for name in names}
@@ -56,7 +56,7 @@ def joined_stats(episodes: Sequence[ColumnStatistics]) -> dict[str, Parsed]:
 
 
 def stats_of_data(data: Path, like: Mapping[str, ColumnStatistics]) -> ByFeature:
-    """Those of the columns of numbers in the Parquet files of a folder that `like` names, which says what each has.
+    """Statistics of the columns of numbers in a folder's Parquet files that `like` names, which says what each has.
 
     Numbers are added in the order of the rows, as LeRobot does.
     """
@@ -99,7 +99,7 @@ NEAR_SECONDS = 1e-4
 
 
 class EpisodeRows(NamedTuple):
-    """Those of an episode: how many, the first ``index`` or -1, the file, and the seconds at which they begin.
+    """Rows of an episode: how many, the first ``index`` or -1, the file, and the seconds at which they begin.
 
     Where these are `off` by more seconds than LeRobot takes, and there are `fps` a second, they begin at 0.
     """
@@ -180,7 +180,7 @@ class CheckedFolder(MetaFolder):
         return pa.unify_schemas(schemas, promote_options="permissive") if schemas else None
 
     def statistics(self) -> dict[int, ByFeature]:
-        """Those of each episode by feature; empty where ``meta`` has none by episode."""
+        """Statistics of each episode by feature; empty where ``meta`` has none by episode."""
         if self.schema is None:
             return {int(row["episode_index"]): row["stats"] for row in self.rows("episodes_stats")}
         found: dict[int, ByFeature] = {}

@@ -42,7 +42,7 @@ def find_shots(path: Path) -> list[Shot]:
 
 
 def find_defects(path: Path, look: bool) -> list[Defect]:
-    """What of a folder does not agree with its data; `look` decodes the videos, which takes a while."""
+    """Find what of a folder does not agree with its data; `look` decodes the videos, which takes a while."""
     folder = CheckedFolder(path)
     found: dict[Defect, None] = {}
     for rule in (_in_times, _in_totals, _in_numbers, _in_episodes, _in_statistics, partial(_in_videos, look=look)):

@@ -61,7 +61,7 @@ def check_output(path: Path, output: Path) -> dict[str, Parsed]:
 
 @dataclass
 class Kept:
-    """What is written: the episodes `wanted`, with new numbers from 0 in the order of the files."""
+    """The new folder: the episodes `wanted`, with new numbers from 0 in the order of the files."""
 
     old: CheckedFolder
     new: Path
