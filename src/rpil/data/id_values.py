@@ -38,7 +38,7 @@ class AnswerRow(NamedTuple):
     note: str = ""
     start: object = ""
     end: object = ""
-    """Of rows of the demonstration, the first and the one after the last; nothing where it is about all of it."""
+    """The first row and the one after the last within the demonstration; nothing where it is about all of it."""
 
     @property
     def is_mark(self) -> bool:
@@ -47,7 +47,7 @@ class AnswerRow(NamedTuple):
 
     @property
     def question(self) -> tuple[object, ...] | frozenset[str]:
-        """What it is about; two answers about the same exclude each other."""
+        """Its subject; two answers about the same exclude each other."""
         rows = self.id, str(self.start), str(self.end)
         return rows if self.is_mark else same_question(self.id, self.label)
 
@@ -102,7 +102,7 @@ def read_answer_rows(path: StrPath, ids: Iterable[object] = ()) -> list[AnswerRo
 def parse_marks(
     rows: Sequence[AnswerRow], source: str, ids: Sequence[object], lengths: Int[Array, " M"]
 ) -> Int[Array, "S 4"]:
-    """What answers say of rows of M demonstrations: the number of the demonstration, the first row and the one after
+    """Marks of rows of M demonstrations: the number of the demonstration, the first row and the one after
     the last, and 1 for good or -1; nothing of those about others. A `DataError` where rows lie outside, or are both."""
     number, marks = {str(name): m for m, name in enumerate(ids)}, list[tuple[int, int, int, int]]()
     said = {

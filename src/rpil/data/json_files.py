@@ -43,7 +43,7 @@ def object_in(text: object) -> dict[str, Parsed]:
 
 
 def parse(text: str | bytes, where: str, limit: int = LARGEST_METADATA) -> Parsed:
-    """What a text of JSON holds.
+    """Parse a text of JSON.
 
     A `DataError` where it is longer than `limit`, or holds more lists than `MOST_LISTS`; another `ValueError`, or a
     `RecursionError`, where it is no JSON.

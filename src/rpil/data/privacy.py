@@ -1,4 +1,4 @@
-"""What is left out of texts that others may read: where a person's folders are."""
+"""Remove from texts that others may read where a person's folders are."""
 
 from __future__ import annotations
 

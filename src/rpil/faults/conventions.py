@@ -64,7 +64,7 @@ class ConstantAction(ComparingRule):
     is_action = True
 
     def findings(self) -> Iterator[Fault]:
-        """Those whose range is 0."""
+        """Columns whose range is 0."""
         learned, (top, _, high, low) = self.data.learned, (of_each.max(axis=0) for of_each in self.measured)
         names = [*learned.same.values()]
         if self.is_action:
@@ -156,7 +156,7 @@ class Conventions(ComparingRule):
     measure = Duplicate.measure
 
     def findings(self) -> Iterator[Fault]:
-        """What the part that tells most has otherwise."""
+        """The difference of the part that tells most."""
         parts = [(rows, self.told(rows)) for rows in self.parts()]
         rows, told = max(parts, key=lambda part: len(part[1]), default=(np.zeros(1), {}))
         ids, share = tuple(itertools.compress(self.data.ids, rows)), float(rows.mean())
@@ -180,7 +180,7 @@ class Conventions(ComparingRule):
         return [np.frombuffer(rows, dtype=bool) for rows in [*every][: settings.MIN_DISTINCT]]
 
     def told(self, rows: Bool[Array, " M"]) -> dict[int, tuple[str, str]]:
-        """What columns a part has otherwise: the kind, and what is seen; none unless all columns are as in the rest
+        """Columns that a part has otherwise: the kind, and what is seen; none unless all columns are as in the rest
         once that is undone, and some that move are so as they are."""
         profile, pairs, columns = self.measured[1], self.data.learned.tracked, self.columns
         part, rest = ((p.mean(axis=0), p.var(axis=0) / len(p), motion_of(p)) for p in (profile[rows], profile[~rows]))

@@ -57,12 +57,12 @@ class Layout:
 
     @property
     def observation_names(self) -> tuple[str, ...]:
-        """Of the D numbers of an observation."""
+        """Names of the D numbers of an observation."""
         return tuple(self.names[name] for name in self.observations)
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """Of the numbers of an action."""
+        """Names of the numbers of an action."""
         return tuple(self.names[name] for name in self.actions)
 
     @property

@@ -31,7 +31,7 @@ class MetaFolder:
 
     @cached_property
     def files(self) -> list[Path]:
-        """What is in it; a `DataError` where a link leads out of the folder, or to nothing."""
+        """Files in it; a `DataError` where a link leads out of the folder, or to nothing."""
         inside = ((Path(folder), [*folders, *files]) for folder, folders, files in os.walk(self.path / "meta"))
         found = sorted(folder / name for folder, names in inside for name in names)
         for place in found:
@@ -46,7 +46,7 @@ class MetaFolder:
 
     @cached_property
     def info(self) -> dict[str, Parsed]:
-        """What ``info.json`` says; empty where it is not there, and a `DataError` where it is damaged."""
+        """The content of ``info.json``; empty where it is not there, and a `DataError` where it is damaged."""
         place, name = self.path / "meta" / "info.json", f"{self.path.name}/meta/info.json"
         if place not in self.files:
             return {}

@@ -37,7 +37,7 @@ class Metadata:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know of it, in sentences."""
+        """Sentences on it for the user."""
         unseen = f"{counted(self.n_cameras, 'camera')} {'are' if self.n_cameras > 1 else 'is'} not used"
         return (f"{unseen}: what only pictures show is not known here.",) if self.n_cameras else ()
 

@@ -51,7 +51,7 @@ def opened(path: StrPath) -> Iterator[pq.ParquetFile]:
 
 
 def read_table(path: StrPath, columns: Sequence[str] | None = None) -> pa.Table:
-    """Those of the columns that are there, by default all; a `DataError` where they do not fit in memory.
+    """Read the columns that are there, by default all; a `DataError` where they do not fit in memory.
 
     Errors of pyarrow are left as they are.
     """

@@ -17,7 +17,7 @@ from rpil.data.names import EPISODE, STEP, action_columns, quoted
 from rpil.numerics.types import Array
 
 Kind = Literal["number", "list", "text", "mixed", "time", "counter", "empty", "nested"]
-"""Of a column's values; "mixed" is text in the place of some numbers, "counter" the number of the row."""
+"""Kind of a column's values; "mixed" is text in the place of some numbers, "counter" the number of the row."""
 
 Place = Callable[[int], str]
 """The place of a row of a table in messages: its file, demonstration and number."""

@@ -57,7 +57,7 @@ class _Linear(HeldOutModel):
     fold: Int[Array, " M"]
     settings: HeldOutSettings
     _known: dict[tuple[bytes, float], Float[Array, " N"]] = field(default_factory=dict, init=False)
-    """What was asked before: stages ask for the same group again."""
+    """Results of before: stages ask for the same group again."""
 
     @property
     def ridges(self) -> tuple[float, ...]:

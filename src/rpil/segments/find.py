@@ -36,7 +36,7 @@ class Acts:
     n_moved: Int[Array, " N"]
     """MovedColumns of things that it moves."""
     progress: Float[Array, " N"]
-    """Of one that moves nothing, that of the next that does; else NaN."""
+    """The progress of the act; of one that moves nothing, of the next that does; else NaN."""
     again: Bool[Array, " N"]
     """Whether the next one does it again, and not worse."""
     taken: Bool[Array, " N"]

@@ -21,7 +21,7 @@ LONG_WAIT = 1.5
 """Times the usual rest after a gripper has moved, up to which the arm waits for it."""
 
 SAME, LEAST_MOVING, LAST = 1e-3, 16, 10
-"""Of openpi's rule: change of an action that is none; moving rows at least; rows by which each range ends earlier."""
+"""Openpi's rule: change of an action that is none; moving rows at least; rows by which each range ends earlier."""
 
 
 def idle_rows(demonstrations: Demonstrations | Dataset, rule: Literal["rest", "openpi"] = "rest") -> Bool[Array, " N"]:

@@ -169,13 +169,13 @@ class CheckedFolder(MetaFolder):
 
     @cached_property
     def episodes(self) -> dict[int, dict[str, Parsed]]:
-        """What ``meta`` says of each episode, without its statistics; empty where it says nothing."""
+        """Facts in ``meta`` of each episode, without its statistics; empty where it says nothing."""
         rows = self.rows("episodes", lambda column: not column.startswith("stats/"))
         return {int(row["episode_index"]): row for row in rows}
 
     @cached_property
     def schema(self) -> pa.Schema | None:
-        """That of the table of the episodes; None where it is no Parquet file."""
+        """The schema of the table of the episodes; None where it is no Parquet file."""
         schemas = [pq.read_schema(str(place)) for place in self.tables("episodes")]
         return pa.unify_schemas(schemas, promote_options="permissive") if schemas else None
 

@@ -42,7 +42,7 @@ def claims(path: Path) -> bool:
 
 
 def check_output(path: Path, output: Path) -> dict[str, Parsed]:
-    """What ``meta/info.json`` says; a `DataError` where `keep` cannot write to `output`."""
+    """Read ``meta/info.json``; a `DataError` where `keep` cannot write to `output`."""
     info = CheckedFolder(path).info
     version = info.get("codebase_version")
     if version not in PATHS:
