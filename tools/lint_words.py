@@ -17,7 +17,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 RIDDLE = re.compile(r"(What|Those|That|Of)\b")
 MAX_SUBJECT = 65
-SINCE = "ef72b207c227"
+SINCE = "d587d9d50409"
 """The commit after which subjects are looked at; those before it stay as they are."""
 
 NOT_IMPERATIVE = re.compile(r"[A-Z]?[a-z]*(?:ing|ed|[^s]s)\b|(?:A|An|The|No|Not|Of|What|Those|That|It|There)\b")
