@@ -217,8 +217,8 @@ def resting_rows(block: MovingBlock, is_command: bool, by_states: bool = True) -
         for chosen, low, high, a, b in every:
             off = np.abs(own[chosen, a:b] - np.median(own[chosen, a:b], axis=1, keepdims=True))
             near = np.flatnonzero((off <= reach[chosen]).all(axis=0))
-            if len(near):  # in the first it arrives; near the beginning and the end a few rows tell little
-                first = 0 if low == 0 and a <= least // 2 else a + near[0] + 1
+            if len(near) and near[-1] - near[0] >= least - 1:  # in the first it arrives
+                first = 0 if low == 0 and a <= least // 2 else a + near[0] + 1  # at the ends a few rows tell little
                 last = n if high == n and n - b <= least // 2 else a + near[-1] + 1
                 rests[first:last] = True
         found.append(long_runs(rests, least) & states.any())
