@@ -21,7 +21,7 @@ from rpil.segments.settings import SegmentSettings
 
 @dataclass(frozen=True, eq=False)
 class MovedColumns:
-    """MovedColumns of a set of demonstrations laid end to end, and in which rows they move."""
+    """Columns of a set of demonstrations laid end to end, and in which rows they move."""
 
     values: Float[Array, "N C"]
     """Observations and continuous actions in ranges, without their outer hundredths; those that never move are 0."""

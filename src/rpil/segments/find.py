@@ -34,7 +34,7 @@ class Acts:
     demonstration: Int[Array, " N"]
     kind: Int[Array, " N"]
     n_moved: Int[Array, " N"]
-    """MovedColumns of things that it moves."""
+    """Columns of things that it moves."""
     progress: Float[Array, " N"]
     """The progress of the act; of one that moves nothing, of the next that does; else NaN."""
     again: Bool[Array, " N"]
