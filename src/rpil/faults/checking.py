@@ -214,8 +214,8 @@ def without_consequences(findings: Iterable[Fault]) -> list[Fault]:
 
     def stands(fault: Fault) -> bool:
         rule = RULES[fault.rule]
-        return not any(
-            c.rule in rule.causes and rule.follows(fault, c) and stands(c) for c in (*of_id[fault.id], *of_id[""])
-        )
+        of_set = (c for c in of_id[""] if fault.id in c.ids or c.value > settings.FEW_SHARE)  # what few have is theirs
+        causes = (c for c in (*of_id[fault.id], *of_set) if c.rule in rule.causes)
+        return not any(rule.follows(fault, c) and stands(c) for c in causes)
 
     return [fault for fault in worst.values() if stands(fault)]

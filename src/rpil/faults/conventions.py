@@ -118,12 +118,8 @@ class TwoEpisodes(ComparingRule):
         self.early, near = step < self.data.lengths / 2, np.concatenate([[False], near, [False]])
         joined = np.where(self.early, near[:-1], near[1:]) & (jump > limit)
         self.first, self.last = step - 1, step
-        return (
-            jump,
-            limit,
-            np.where(joined, jump / limit, 0.0)
-            * (joined.sum() >= max(settings.FEWEST_DEMONSTRATIONS, settings.MOST_ABSENT * (len(joined) - 1))),
-        )
+        least = max(settings.FEWEST_DEMONSTRATIONS, settings.MOST_ABSENT * (len(joined) - 1))
+        return jump, limit, np.where(joined & (joined.sum() >= least), jump / limit, 0.0)
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         which = f"its last {int(self.data.lengths[m]) - fault.last} rows are those of the next one"
