@@ -48,6 +48,15 @@ def test_fits_that_go_on_from_others_rank_demonstrations_as_fits_to_the_end(kind
     assert np.corrcoef(*map(mean_ranks, scores))[0, 1] >= 0.999
 
 
+@pytest.mark.parametrize("maker", [make, make_continuous])
+def test_what_was_asked_before_is_not_fitted_again(maker):
+    problem = fit_data_of(maker("noisy", 0, steps=STEPS))
+    model, group = held_out_model(problem, HeldOutSettings()), np.ones(len(problem.actions))
+    first = model.evaluate(group, 1e-2)
+    assert model.evaluate(1e-2 * group, 1e-2) is not first
+    assert model.evaluate(group.copy(), 1e-2) is first
+
+
 def test_ridge_log_probabilities_are_those_of_scikit_learn_on_the_other_folds():
     problem = fit_data_of(make_continuous("noisy", 0, steps=STEPS))
     weight = np.random.default_rng(0).random(len(problem.actions))

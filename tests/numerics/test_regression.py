@@ -10,6 +10,7 @@ from scipy.stats import t as student
 from rpil.numerics.regression import (
     ErrorSettings,
     error_scale,
+    medians,
     normal_equations,
     robust_scale,
     solve_ridge,
@@ -28,6 +29,12 @@ def test_robust_scale_of_gaussian_steps_and_of_constants():
     location, spread = robust_scale(values, OFFSETS)
     np.testing.assert_allclose(location, [5.0, 0.1, 1.0], atol=1.0)
     np.testing.assert_allclose(spread, [3.0, 1.0, 2.0], rtol=0.3)
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 8])
+def test_medians_are_those_of_numpy(n):
+    values = RNG.normal(size=(3, n, 2)).transpose(0, 2, 1)
+    np.testing.assert_array_equal(medians(values), np.median(values, axis=-1))
 
 
 def test_spread_within_ignores_the_levels_of_demonstrations():

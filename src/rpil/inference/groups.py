@@ -28,7 +28,7 @@ _PROBA_BOUND = 1e-9
 _TIE_LOG_ODDS = 1e-3
 """Log-odds that keep the order of the scores where P(expert) is at its bound."""
 
-MOST_STEPS, LEAST_GAIN = 200, 1e-10
+BFGS_STEPS, BFGS_GAIN = 200, 1e-10
 """Steps of `least_within` at most, and the gain, relative to the value, at which it ends."""
 _MIN_VARIANCE = 1e-6
 _MAX_LOG_SPREAD = 3.0
@@ -131,7 +131,7 @@ def least_within(loss: Callable[[Array], tuple[float, Array]], x: Array, bounds:
     """The least value of a `loss`, which has its gradient beside it, from `x` on within bounds: by BFGS, in which
     parameters at a bound rest. To import `scipy.optimize` takes longer than all that is fitted with it."""
     (value, slope), inverse = loss(x), np.eye(len(x))
-    for _ in range(MOST_STEPS):
+    for _ in range(BFGS_STEPS):
         free = ~(((x <= bounds[:, 0]) & (slope > 0)) | ((x >= bounds[:, 1]) & (slope < 0)))
         step = -np.where(free, inverse @ np.where(free, slope, 0.0), 0.0)
         if slope @ step >= 0:
@@ -143,7 +143,7 @@ def least_within(loss: Callable[[Array], tuple[float, Array]], x: Array, bounds:
             if now <= value + 1e-4 * slope @ (moved - x):
                 break
         gain, change, turned = value - now, moved - x, new_slope - slope
-        if gain <= LEAST_GAIN * max(abs(value), 1.0):
+        if gain <= BFGS_GAIN * max(abs(value), 1.0):
             return min(value, now)
         x, value, slope = moved, now, new_slope
         if (curvature := float(change @ turned)) > 0:
