@@ -22,7 +22,7 @@ BUDGETS = {
     "cli": (2564, 25),
     "data": (2887, 34),
     "estimators": (2105, 19),
-    "faults": (2980, 129),
+    "faults": (2976, 129),
     "formats": (5987, 62),
     "inference": (2199, 92),
     "mixture": (797, 20),
