@@ -206,3 +206,11 @@ def test_states_and_actions_that_differ_together_in_a_part_are_one_line(kind, ro
     if kind == "moved":
         by = float(report.findings[0].sentence.split(" is ")[1].split()[0])
         assert by == pytest.approx(25, abs=4)
+
+
+def test_another_unit_of_few_hides_no_fault_of_others():
+    made = [(x.copy(), a) for x, a in in_part((0, 1), np.deg2rad)]
+    made[5][0][50, 2] += 60
+    report = check(demonstrations(made))
+    assert {one.id for one in report.findings if one.rule == "spike"} == {5}
+    assert [one.ids for one in report.findings if one.rule == "two units"] == [(0, 1)]

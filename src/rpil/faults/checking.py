@@ -214,7 +214,7 @@ def without_consequences(findings: Iterable[Fault]) -> list[Fault]:
 
     def stands(fault: Fault) -> bool:
         rule = RULES[fault.rule]
-        of_set = (c for c in of_id[""] if fault.id in c.ids or c.value > settings.FEW_SHARE)  # what few have is theirs
+        of_set = (c for c in of_id[""] if fault.id in c.ids or c.value > settings.MOST_FEW)  # what few have is theirs
         causes = (c for c in (*of_id[fault.id], *of_set) if c.rule in rule.causes)
         return not any(rule.follows(fault, c) and stands(c) for c in causes)
 
