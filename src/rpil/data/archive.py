@@ -23,7 +23,7 @@ from rpil.data.json_files import LARGEST_TABLE, parse
 from rpil.data.npy import ARRAY, read_arrays, write_arrays
 from rpil.numerics.types import Array
 
-VERSION = 14
+VERSION = 15
 """Version of the format; a file of another version is refused."""
 
 _HEADER, _SCHEMA, _REMEDY = "header.json", "rpil fitted estimator", "fit and save it again"
