@@ -59,8 +59,7 @@ class Scan:
         same = owners[1:] == owners[:-1]
         read = {one.name: one.cut(flat.padded(table[one.name], one.width)) for one in self._read}
         kind = np.float32 if all(own.dtype == np.float32 for own in read.values()) else float
-        values = np.empty((sum(own.shape[1] for own in read.values()), len(table)), kind)
-        np.concatenate([own.T for own in read.values()], out=values)  # in which numbers are compared fast
+        values = np.concatenate([*read.values()], axis=1, dtype=kind).T.copy()  # in which numbers are compared fast
         self.missing += np.isnan(values).sum(axis=1)
         self.low = np.fmin(self.low, np.fmin.reduce(values, axis=1))
         self.high = np.fmax(self.high, np.fmax.reduce(values, axis=1))
