@@ -100,12 +100,11 @@ def by_held_out_policies(
     judgement: Judgement, model: HeldOutSoftmax | HeldOutRidge, copies: Copies | None, settings: HeldOutSettings
 ) -> StepEvidence:
     """By held-out policies of a linear `model` where actions are continuous, without `copies` of others."""
-    fit, data = judgement.scores.fit, model.data
+    fit, data, group = judgement.scores.fit, model.data, judgement.training_group
     members = np.arange(data.n_demonstrations) if copies is None else copies.judged
     if data.space.kind == "discrete":
         expected = fit.log_prob
     else:
-        group = judgement.training_group
         assert isinstance(model, HeldOutRidge)
         ridge = fit.ridge or choose_ridge(data, model, group)  # the user's policy has none
         expected = ActionScale.of(data).back(model.actions - model.errors(data.per_step(group.astype(float)), ridge))
