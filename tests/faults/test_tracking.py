@@ -78,3 +78,11 @@ def test_misfits_are_least_at_the_lag():
     left = misfits(Block, found.tracked)
     assert (left.argmin(axis=1) - settings.MAX_SHIFT).tolist() == [2] * 8
     assert left.min() < 1e-4
+
+
+def test_an_action_that_stays_far_from_states_of_many_counts_is_related_to_none():
+    states = 1e5 + np.cumsum(np.ones((2, 300)), axis=1)
+    with np.errstate(over="raise"):
+        _, share, _, mine, _ = relation(np.zeros((2, 300)), states, True)
+    assert (share == 0).all()
+    assert np.isfinite(mine).all()

@@ -121,7 +121,7 @@ def relation(actions: Float[Array, "P T"], states: Float[Array, "P T"], is_comma
     a, s = actions - u, states - v
     both, power, other = a @ s.T, np.einsum("pt,pt->p", a, a), np.einsum("pt,pt->p", s, s)
     every = np.outer(power, other)
-    share, power = both**2 / np.where(every > 0, every, np.inf), np.maximum(power, 1e-300)
+    share, power = both**2 / np.where(every > 0, every, np.inf), np.maximum(power, 1e-200)
     slope = np.sign(both[own, own]) * np.sqrt(power / np.maximum(other, 1e-300))
     left = 1.0 - share
     if is_command:
