@@ -28,7 +28,7 @@ BUDGETS = {
     "mixture": (797, 20),
     "numerics": (585, 16),
     "policies": (1319, 49),
-    "results": (3029, 50),
+    "results": (3028, 50),
     "scale": (594, 20),
     "segments": (528, 19),
     "simulation": (425, 0),
