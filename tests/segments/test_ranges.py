@@ -164,3 +164,39 @@ def test_data_on_disk_have_the_same_ranges_and_segments(data):
     assert one.ranges(idle) == other.ranges(idle)
     found = other.segments(on_disk.demonstrations)
     np.testing.assert_array_equal(one.segments(demonstrations).start, found.start)
+
+
+def test_rows_to_keep_become_demonstrations_of_their_own(data):
+    demonstrations, _ = data
+    given = {"a, b": [[3, 9], [20, 31]], "plain": [[0, 5]]}
+    Path("keep.json").write_text(json.dumps(given), encoding="utf-8")
+    ok("convert", "a.csv", "--ranges", "keep.json", "-o", "b.parquet", "--quiet")
+    found = rpil.read("b.parquet")
+    assert found.ids == ("a, b/0", "a, b/1", "plain/0")
+    assert found.lengths.tolist() == [6, 11, 5]
+    begin = demonstrations.offsets[IDS.index("a, b")]
+    observations, actions = found[1]
+    np.testing.assert_array_equal(observations, demonstrations.observations[begin + 20 : begin + 31])
+    np.testing.assert_array_equal(actions, demonstrations.actions[begin + 20 : begin + 31])
+
+
+@pytest.mark.parametrize(
+    ("given", "match"),
+    [
+        ({"plain": [[0, 10**9]]}, r"keep.json: demonstration 'plain' has \d+ rows, and \[0, 1000000000\] is no range"),
+        ({"plain": [[-1, 4]]}, "no range of them"),
+        ({"plain": [[4, 4]]}, "no range of them"),
+        ({"plain": [[0.5, 4]]}, "no range of them"),
+        ({"plain": [[True, 4]]}, "no range of them"),
+        ({"plain": [[float("nan"), 4]]}, "no range of them"),
+        ({"plain": 3}, "no range of them"),
+        ({"other": [[0, 4]]}, "no demonstration is called 'other'"),
+        ([[0, 4]], "is no range"),
+        ({"plain": []}, "keeps no rows"),
+        ({}, "keeps no rows"),
+    ],
+)
+def test_other_ranges_are_refused_with_file_and_remedy(data, given, match):
+    Path("keep.json").write_text(json.dumps(given), encoding="utf-8")
+    refused(match, "convert", "a.csv", "--ranges", "keep.json", "-o", "b.parquet")
+    assert not Path("b.parquet").exists()

@@ -186,9 +186,12 @@ def keep(
 @click.option(
     "-o", "--output", type=click.Path(), metavar="OUT.parquet|OUT.csv|OUT.npz", required=True, help="The file to write."
 )
+@click.option(
+    "--ranges", type=click.Path(), metavar="JSON", help="Write these rows, each range by itself; see rpil audit."
+)
 @quiet_option
 @with_options(*COLUMN_OPTIONS)
-def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
+def convert(file: str, output: str, ranges: str | None, quiet: bool, **options: Any) -> None:
     """Write the demonstrations as one table, or as NumPy's arrays: one row per step.
 
     It holds the observations, the actions, and for each demonstration its operator and task, where the file names them.
@@ -199,12 +202,16 @@ def convert(file: str, output: str, quiet: bool, **options: Any) -> None:
         from rpil import formats
 
         formats.writer_of(output)
-        commands.check_paths((file, operator), output)
+        commands.check_paths((file, operator, ranges), output)
         recording = commands.open_recording(file, columns, progress)
         demonstrations = recording.demonstrations.select(slice(None))  # in memory
+        ids = [*map(str, demonstrations.ids)]
+        if ranges:
+            from rpil.segments.ranges import cut_out
+
+            demonstrations, ids = cut_out(demonstrations, ranges)
         operators = formats.read_demonstrators(operator, recording) if operator else dict(recording.operators)
         about = {"operator": operators, "task": recording.tasks}
-        ids = [str(name) for name in demonstrations.ids]
         truth = {what: [str(of.get(m, "")) for m in ids] for what, of in about.items() if of}
         progress(f"writing {output}")
         formats.write(output, demonstrations, truth)

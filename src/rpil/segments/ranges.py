@@ -10,8 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, check_extension, replacing
+from rpil.data.files import StrPath, check_extension, check_readable, replacing
+from rpil.data.json_files import read_json
 from rpil.formats import read_demonstrators, read_recording
 from rpil.formats.columns import ColumnOptions
 from rpil.segments.kinds import KINDS, Segments
@@ -45,6 +47,31 @@ def write_ranges(path: StrPath, ranges: Mapping[str, Sequence[tuple[int, int]]])
     lines = ",\n ".join(f"{json.dumps(name)}: {json.dumps(own)}" for name, own in ranges.items())
     with replacing(check_extension(path, (".json",), "ranges")) as temporary:
         temporary.write_text(f"{{{lines}}}\n", encoding="utf-8")
+
+
+def cut_out(demonstrations: Demonstrations, path: StrPath) -> tuple[Demonstrations, list[str]]:
+    """The rows in a file of ranges, of which each range is a demonstration, "run-8/0"; and the id of each before."""
+    file, place = check_readable(path), {str(name): m for m, name in enumerate(demonstrations.ids)}
+    given, found = read_json(file), list[tuple[str, int, int]]()
+    for name, own in given.items() if isinstance(given, dict) else [("", None)]:
+        n = int(demonstrations.lengths[place[name]]) if name in place else 0
+        for pair in own if isinstance(own, list) else [None]:
+            if not (isinstance(pair, list) and [*map(type, pair)] == [int, int] and 0 <= pair[0] < pair[1] <= n):
+                has = f"demonstration {name!r:.80} has {n} rows" if n else f"no demonstration is called {name!r:.80}"
+                form = '{"id": [[start, end], ...]} with 0 <= start < end <= rows'
+                raise DataError(f"{file.name}: {has}, and {pair!r:.80} is no range of them; write {form}.")
+            found.append((name, *pair))
+    if not found:
+        raise DataError(f"{file.name}: it keeps no rows; write other ranges.")
+    begin = [int(demonstrations.offsets[place[name]]) for name, _, _ in found]
+    rows = np.concatenate([np.arange(a, b) + at for at, (_, a, b) in zip(begin, found, strict=True)])
+    counts, ids = Counter[str](), list[str]()
+    for name, _, _ in found:
+        ids.append(f"{name}/{counts[name]}")
+        counts[name] += 1
+    offsets = np.cumsum([0, *(b - a for _, a, b in found)])
+    arrays = {"observations": demonstrations.observations[rows], "actions": demonstrations.actions[rows]}
+    return replace(demonstrations, **arrays, offsets=offsets, ids=tuple(ids)), [name for name, _, _ in found]
 
 
 def segment_columns(segments: Segments, ids: Sequence[Hashable], fps: float | None) -> dict[str, Sequence[object]]:
