@@ -71,4 +71,5 @@ def test_step_scores_are_a_fact():
     ]
     found = find_segments(made, ratio, labels=told[:20])
     assert len(first) == len(found.score)
-    assert found.score[20:][bad[20:]].mean() < found.score[20:][~bad[20:]].mean() - 0.2
+    below = found.score[20:][bad[20:], None] < found.score[20:][~bad[20:]]
+    assert below.mean() > 0.9  # of pairs of a bad and a good one

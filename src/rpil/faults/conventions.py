@@ -179,7 +179,8 @@ class Conventions(ComparingRule):
         """Columns that a part has otherwise: the kind, and what is seen; none unless all columns are as in the rest
         once that is undone, and some that move are so as they are."""
         profile, pairs, columns = self.measured[1], self.data.learned.tracked, self.columns
-        part, rest = ((p.mean(axis=0), p.var(axis=0) / len(p), motion_of(p)) for p in (profile[rows], profile[~rows]))
+        parts = profile[rows], profile[~rows]
+        part, rest = ((p.mean(axis=0), p.var(axis=0) / len(p), motion_of(p), path_of(p)) for p in parts)
         found, alike, moves = undone(part, rest, columns)
         known = (self.data.measured[Wraps.measure][0] == 0).all(axis=0)
         whole = (alike | ~known | np.isin(np.arange(len(known)), [*found])).mean()
@@ -221,11 +222,12 @@ def undone(
     part: tuple[Array, ...], rest: tuple[Array, ...], columns: MeasuredColumns
 ) -> tuple[dict[int, tuple[str, str]], Bool[Array, " C"], Bool[Array, " C"]]:
     """By column, what makes a part like the rest: the kind, and what is seen; which columns are alike, and which move.
-    Given are means over parts of time, (K, C), the variances of these, and how far a demonstration goes."""
-    (u, x, own), (v, y, other) = part, rest
+    Given are means over parts of time, (K, C), the variances of these, how far a demonstration goes, and its way."""
+    (u, x, own, path), (v, y, other, others) = part, rest
     error, motion = settings.BY_CHANCE * np.sqrt(x + y), np.maximum(own, other)
     apart, level = np.abs(u - v), np.maximum(np.abs(u), np.abs(v)).max(axis=0)
     ratio, moves = np.log(np.maximum(own, 1e-300) / np.maximum(other, 1e-300)), motion > error.min(axis=0)
+    by_path = np.log(np.maximum(path, 1e-300) / np.maximum(others, 1e-300))
     in_pace = np.abs(ratio) < np.log(settings.OTHER_UNIT)
     alike = (apart <= error + settings.ALIKE * motion).all(axis=0) & (in_pace | ~moves)
     weight = 1.0 / np.maximum(y, 1e-300)  # of the larger part, which is known best
@@ -234,6 +236,7 @@ def undone(
     for times in (*settings.UNITS, 100.0):
         for way, word in ((times, "larger"), (1.0 / times, "smaller")):
             is_own = np.abs(ratio - np.log(way)) < 1.5 * settings.SAME_UNIT
+            is_own &= np.abs(by_path - np.log(way)) < np.log(settings.OTHER_UNIT)  # else it leaps
             ways.append(("unit", f"is {times:.3g} times {word}", way * v, way, own, is_own))
     in_pace &= moves
     far = in_pace & (apart > error).all(axis=0) & (np.abs(by) > 2.0 * settings.ALIKE * motion)
@@ -258,6 +261,12 @@ def undone(
 def motion_of(profile: Float[Array, "M K C"]) -> Float[Array, " C"]:
     """How far each column goes in the median demonstration."""
     return np.asarray(np.median(np.ptp(profile, axis=1), axis=0))
+
+
+def path_of(profile: Float[Array, "M K C"]) -> Float[Array, " C"]:
+    """How far each column goes in the median demonstration, there and back, without its largest change."""
+    changes = np.abs(np.diff(profile, axis=1))
+    return np.asarray(np.median(changes.sum(axis=1) - changes.max(axis=1), axis=0))
 
 
 def two_groups(values: Float[Array, "M F"]) -> Iterator[Bool[Array, " M"]]:
