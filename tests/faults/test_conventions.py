@@ -214,3 +214,14 @@ def test_another_unit_of_few_hides_no_fault_of_others():
     report = check(demonstrations(made))
     assert {one.id for one in report.findings if one.rule == "spike"} == {5}
     assert [one.ids for one in report.findings if one.rule == "two units"] == [(0, 1)]
+
+
+@pytest.mark.parametrize("places", [(-0.8, -0.4, 0.05, 0.4, 0.8), (-0.6, -0.2, 0.2, 0.6), (-0.5, 0.5)])
+def test_tasks_that_begin_at_one_home_and_go_the_other_way_have_no_other_sign(places):
+    rng, ways = np.random.default_rng(0), np.sin(np.pi * np.linspace(0, 1, 60))
+    sizes = np.array([[40 * place, 10, 20, 30] for place in np.repeat(places, 8)])
+    states = 5 + sizes[:, None] * (1 + 0.1 * rng.normal(size=(len(sizes), 1, 4))) * ways[:, None]
+    states = (states + rng.normal(0, 0.05, states.shape)).reshape(-1, 4)
+    actions = np.roll(states, -1, axis=0) + rng.normal(0, 0.05, states.shape)
+    report = rpil.check(rpil.Demonstrations(states, actions, np.arange(0, len(states) + 1, 60)))
+    assert "two conventions" not in report.counts

@@ -193,6 +193,7 @@ def test_rows_to_keep_become_demonstrations_of_their_own(data):
         ({"other": [[0, 4]]}, "no demonstration is called 'other'"),
         ([[0, 4]], "is no range"),
         ({"plain": []}, "keeps no rows"),
+        ({"plain": [[0, 4]], "other": []}, "no demonstration is called 'other'"),
         ({}, "keeps no rows"),
     ],
 )
@@ -200,3 +201,39 @@ def test_other_ranges_are_refused_with_file_and_remedy(data, given, match):
     Path("keep.json").write_text(json.dumps(given), encoding="utf-8")
     refused(match, "convert", "a.csv", "--ranges", "keep.json", "-o", "b.parquet")
     assert not Path("b.parquet").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("a,b", "keep.json: it cannot be read as JSON"),
+        ('{"plain": [[0, 4]', "cannot be read as JSON"),
+        ("[" * 100_000, "cannot be read as JSON"),
+        ('{"plain": [[0, 4]], "plain": [[5, 9]]}', "it names 'plain' twice"),
+    ],
+)
+def test_a_file_that_holds_no_ranges_is_refused(data, text, match):
+    Path("keep.json").write_text(text, encoding="utf-8")
+    refused(match, "convert", "a.csv", "--ranges", "keep.json", "-o", "b.parquet")
+
+
+@pytest.mark.parametrize("names", ["id,Start,End,label", "id,from,to,label"])
+def test_columns_of_rows_have_one_spelling(data, names):
+    Path("labels.csv").write_text(f"{names}\nplain,0,4,bad\n")
+    refused("call the columns of rows start and end", "audit", "a.csv", "--labels", "labels.csv")
+
+
+def test_a_new_answer_about_the_same_rows_replaces_an_old_one(data):
+    demonstrations, _ = data
+    audit = rpil.audit(demonstrations, labels={("plain", 0, 5): "bad"})
+    turned = audit.answered({("plain", 0, 5): "good"})
+    assert audit.ranges(kept=["plain"])["plain"][0][0] == 5
+    assert turned.ranges(kept=["plain"])["plain"][0][0] == 0
+    with pytest.raises(DataError, match="rows 0 to 5 of 'plain' have the other label"):
+        audit.answered({("plain", 3, 8): "good"})
+
+
+def test_no_policy_is_learned_where_every_row_is_bad(data):
+    marks = {(name, 0, int(n)): "bad" for name, n in zip(data[0].ids, data[0].lengths, strict=True)}
+    with pytest.raises(DataError, match="every row is called bad"):
+        rpil.RPIL().fit(rpil.open("a.csv"), labels=marks)

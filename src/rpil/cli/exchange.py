@@ -55,9 +55,10 @@ def _line(recording: Recording, fault: Fault) -> tuple[int, str]:
     from rpil.formats.dialect import TEXT_SUFFIXES
 
     source, name = recording.description.source.lower(), fault.ids[0] if fault.ids else fault.id
-    if name not in recording.ids:
+    ids = [*recording.steps.ids]  # of the rows that were read
+    if name not in ids:
         return 1, ""
-    row, sizes = recording.steps.offsets[[*recording.ids].index(name)] + fault.first, recording.steps.sizes
+    row, sizes = recording.steps.offsets[ids.index(name)] + fault.first, recording.steps.sizes
     number, ends = int(recording.steps.numbers(np.array([row]))[0]), np.cumsum([0, *sizes.values()])
     k = int(np.searchsorted(ends, number, side="right")) - 1 if sizes else 0
     return number - int(ends[k]) + 1 + source.endswith(TEXT_SUFFIXES), [*sizes, ""][k]

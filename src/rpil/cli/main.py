@@ -206,7 +206,7 @@ def convert(file: str, output: str, ranges: str | None, quiet: bool, **options: 
         recording = commands.open_recording(file, columns, progress)
         demonstrations = recording.demonstrations.select(slice(None))  # in memory
         ids = [*map(str, demonstrations.ids)]
-        if ranges:
+        if ranges is not None:
             from rpil.segments.ranges import cut_out
 
             demonstrations, ids = cut_out(demonstrations, ranges)

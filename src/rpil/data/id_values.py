@@ -48,7 +48,7 @@ class AnswerRow(NamedTuple):
     @property
     def question(self) -> tuple[object, ...] | frozenset[str]:
         """Its subject; two answers about the same exclude each other."""
-        rows = self.id, str(self.start), str(self.end)
+        rows = self.id, *(str(row).removesuffix(".0") for row in (self.start, self.end))
         return rows if self.is_mark else same_question(self.id, self.label)
 
 
@@ -61,6 +61,9 @@ CANNOT_TELL = "cannot tell"
 _COMPARED = re.compile(r"\s*(better\s+than|same\s+as)\s(.*)", re.IGNORECASE | re.DOTALL)
 
 _WHOLE = re.compile(r"\d{1,15}(?:\.0+)?", re.ASCII)
+
+_OF_ROWS = {"start", "end", "from", "to", "begin", "stop", "start_row", "end_row"}
+"""Names, in small letters, of columns that say which rows are meant; the first two are read."""
 
 _EXTENSIONS = (".csv",)
 
@@ -297,6 +300,9 @@ def _csv_rows(text: str) -> tuple[csv.DictReader[str], list[str], str]:
 def _csv_pairs(text: str, columns: Sequence[str], source: str, ids: Collection[str]) -> list[IdRow]:
     column, *more = columns
     rows, names, id_column = _csv_rows(text)
+    others = [name for name in names if name.strip().lower() in _OF_ROWS and name not in ("start", "end")]
+    if more and others:
+        raise DataError(f"{source}: call the columns of rows start and end (found {quoted(others)}).")
     if not id_column or column not in names:
         raise DataError(f"{source}: the columns must be id and {column} (found {quoted(names)}).")
     pairs: list[IdRow] = []

@@ -67,7 +67,10 @@ def answers_of(
     given = {} if outcome is None else by_name(outcome)
     outcomes = [given_outcome(one, read, demonstrations.source, every) for one in given.values()]
     known = np.column_stack([np.empty((len(read), 0)), *outcomes])
-    return Answers(signs, better, known, tied, tuple(given), marks=marks)
+    answers = Answers(signs, better, known, tied, tuple(given), marks=marks)
+    if len(marks) and answers.bad_rows(demonstrations.offsets).all():
+        raise DataError(f"{named}: every row is called bad, and none is left to learn from; label fewer of them.")
+    return answers
 
 
 def by_name(outcome: Outcome | Names) -> dict[str, Outcome | str]:

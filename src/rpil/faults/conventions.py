@@ -182,6 +182,8 @@ class Conventions(ComparingRule):
         parts = profile[rows], profile[~rows]
         part, rest = ((p.mean(axis=0), p.var(axis=0) / len(p), motion_of(p), path_of(p)) for p in parts)
         found, alike, moves = undone(part, rest, columns)
+        home = self.home_differs(rows)
+        found = {c: way for c, way in found.items() if way[0] not in ("sign", "turned") or home[c]}
         known = (self.data.measured[Wraps.measure][0] == 0).all(axis=0)
         whole = (alike | ~known | np.isin(np.arange(len(known)), [*found])).mean()
         units = [c for c, (kind, _) in found.items() if kind == "unit"]
@@ -205,6 +207,15 @@ class Conventions(ComparingRule):
             if len(kinds) == 1 and (is_sure or kinds == {"unit"} or (kinds == {"moved"} and rows.sum() > 2))
             else {}
         )
+
+    def home_differs(self, rows: Bool[Array, " M"]) -> Bool[Array, " C"]:
+        """Whether demonstrations of a part begin elsewhere in a column than the rest: from one home, they may do a task
+        the other way. Nothing is known of few."""
+        first = self.data.measured[TwoEpisodes.measure][0]
+        own, other = first[rows], first[~rows]
+        apart = np.abs(np.median(own, axis=0) - np.median(other, axis=0))
+        is_far = apart > np.maximum(np.ptp(own, axis=0), np.ptp(other, axis=0))
+        return np.asarray(is_far & (len(own) > 2) & (len(first) >= 2 * settings.FEWEST_DEMONSTRATIONS))
 
     def is_change(self, rows: Bool[Array, " M"]) -> bool:
         """Whether the set changes once, in order, or with the operator, and not with the task: else one column may

@@ -92,8 +92,8 @@ def text_rows(file: TextTable) -> Iterator[TextRow]:
             values, fault = list[str](), ""
             try:
                 values = next(csv.reader([line], delimiter=file.separator, strict=True))
-            except csv.Error as error:
-                fault = f"a quotation begins and does not end in {line.strip()[-40:]!r} ({error})"
+            except csv.Error:
+                fault = f"a quotation begins and does not end in {line.strip()[-40:]!r}; a line is a row"
             if not fault and len(values) != len(file.names) and line.lstrip().startswith("#"):
                 values = []
             elif not fault and len(values) != len(file.names):
@@ -117,7 +117,9 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
         head, encoding, n_lines = _decoded(path, options)
     lines = head.removeprefix("\ufeff").splitlines()[:_HEAD_LINES]
     if "\0" in "".join(lines[:1]) or not any(line.strip() for line in lines):
-        raise DamagedError(f"{path.name}: not a CSV file, or a damaged or truncated one; write it again, as UTF-8.")
+        raise DamagedError(
+            f"{path.name}: not a CSV file, or a damaged or truncated one, or UTF-16; write it again, as UTF-8."
+        )
     start = next((k for k, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)), len(lines) - 1)
     header = _QUOTED.sub("", lines[start])
     separator = max(_SEPARATORS, key=header.count)

@@ -137,7 +137,15 @@ def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, 
     texts, more = parse_labels(labels, audit.ids)
     rows = [row for row in label_rows(labels) if row.is_mark]
     check_ids([row.id for row in rows], audit.ids, "the labels", "the labels")
-    marks = np.concatenate([known.marks, parse_marks(rows, "the labels", audit.ids, audit.lengths)])
+    marks = parse_marks(rows, "the labels", audit.ids, audit.lengths)
+    for m, start, end, sign in known.marks.tolist():  # a new answer about the same rows stands in place of an old one
+        new = marks[(marks[:, 0] == m) & (marks[:, 1] < end) & (marks[:, 2] > start)]
+        if (new[:, 1:3] == (start, end)).all(axis=1).any():
+            continue
+        if (new[:, 3] != sign).any():
+            said = f"rows {start} to {end} of {audit.ids[m]!r} have the other label"
+            raise DataError(f"the labels: {said}; give the same rows again to change it.")
+        marks = np.concatenate([marks, [[m, start, end, sign]]])
     new = label_codes(texts, audit.ids)
     signs = np.where(new == 0, known.labels, new)
     old: list[tuple[Relation, Array]] = [("better than", known.pairs), ("same as", known.tied)]

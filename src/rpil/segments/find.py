@@ -114,7 +114,7 @@ def reasons_of(acts: Acts, score: Float[Array, " N"], settings: SegmentSettings)
         moves = f"moves {n} column{'s' * (n > 1)}" if n else "moves nothing"
         if acts.taken[k]:
             found[k] = "a person takes over after it"
-        elif acts.again[k] and acts.kind[k + 1] != ACT:
+        elif acts.again[k] and acts.kind[k + 1] in (BACK, REPEATED):
             found[k] = f"{moves}, and the next act {'undoes it' if acts.kind[k + 1] == BACK else 'does it again'}"
         elif is_low[k]:
             found[k] = f"{moves} and ends no nearer to where others end"

@@ -13,7 +13,8 @@ import numpy as np
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
-from rpil.data.json_files import read_json
+from rpil.data.guard import guarded
+from rpil.data.json_files import read_text
 from rpil.formats import read_demonstrators, read_recording
 from rpil.formats.columns import ColumnOptions
 from rpil.segments.kinds import KINDS, Segments
@@ -52,10 +53,14 @@ def write_ranges(path: StrPath, ranges: Mapping[str, Sequence[tuple[int, int]]])
 def cut_out(demonstrations: Demonstrations, path: StrPath) -> tuple[Demonstrations, list[str]]:
     """The rows in a file of ranges, of which each range is a demonstration, "run-8/0"; and the id of each before."""
     file, place = check_readable(path), {str(name): m for m, name in enumerate(demonstrations.ids)}
-    given, found = read_json(file), list[tuple[str, int, int]]()
-    for name, own in given.items() if isinstance(given, dict) else [("", None)]:
+    with guarded(file.name, "it cannot be read as JSON", "write it again"):
+        given = json.loads(read_text(file), object_pairs_hook=tuple)  # in which a key may come twice
+    found = list[tuple[str, int, int]]()
+    for name, own in given if isinstance(given, tuple) else [("", None)]:
         n = int(demonstrations.lengths[place[name]]) if name in place else 0
-        for pair in own if isinstance(own, list) else [None]:
+        if name in {one for one, _, _ in found}:
+            raise DataError(f"{file.name}: it names {name!r:.80} twice; give all of its ranges once.")
+        for pair in own if isinstance(own, list) and n else [None]:
             if not (isinstance(pair, list) and [*map(type, pair)] == [int, int] and 0 <= pair[0] < pair[1] <= n):
                 has = f"demonstration {name!r:.80} has {n} rows" if n else f"no demonstration is called {name!r:.80}"
                 form = '{"id": [[start, end], ...]} with 0 <= start < end <= rows'

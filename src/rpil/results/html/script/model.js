@@ -37,7 +37,7 @@ const makeModel = (view) => {
     store.write(Object.fromEntries([...marks].map(([k, mark]) => [d.id[k], mark])));
   };
   // Rows that are good or bad: [demonstration, first, the one after the last, word].
-  const own = makeStore(`rpil-rows-${view.run}`), stored = live ? null : own.read().rows;
+  const own = makeStore(`rpil-rows-${view.run}-${JSON.stringify(view.rows)}`), stored = live ? null : own.read().rows;
   let spans = Array.isArray(stored) ? stored : view.rows;
   const putRows = (given) => {
     spans = given;
