@@ -101,7 +101,7 @@ def in_words(names: Sequence[Id], every: Sequence[Id], groups: Grouping) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """Facts told by a sample of the demonstrations."""
+    """Facts about the set, learned from a sample of its demonstrations."""
 
     columns: MeasuredColumns
     pairs: tuple[Pair, ...]
