@@ -188,7 +188,6 @@ WITHOUT_TESTS = {
     "formats/columns.py": "as dialect.py",
     "formats/lerobot/checked_folder.py": "tests/formats/lerobot/test_defects.py",
     "formats/recording.py": "as csv.py",
-    "data/npy.py": "tests/data/test_hostile_files.py",
     "data/run.py": "one function, tested with the files that carry its result",
     "formats/places.py": "as dialect.py",
 }

@@ -78,7 +78,7 @@ from rpil.data.archive import stored
 from rpil.mixture.adversaries.protocol import Adversary
 
 
-@stored()
+@stored
 @dataclass(frozen=True)
 class MostlyZero(Adversary):
     name: str = "mostly zero"

@@ -95,15 +95,6 @@ def test_no_folder_is_read_twice(folder):
         check_folder(folder)
 
 
-def test_folders_in_a_circle_are_refused(folder):
-    for link, target in ((folder / "b" / "c", folder), (folder / "c", "c")):
-        link.symlink_to(target)
-        with pytest.raises(DataError, match=r"circle|to nothing") as caught:
-            rpil.read(folder)
-        assert_refused(["refused", str(caught.value)], str(link))
-        link.unlink()
-
-
 def test_a_folder_that_may_not_be_listed_hides_no_link(folder, secret, monkeypatch):
     """The tests may run as root, who may do anything."""
     scandir, may_open = os.scandir, [True]

@@ -19,7 +19,7 @@ def demonstrations(dtype=np.float64, **changes):
     with np.errstate(over="ignore", under="ignore"):
         observations = np.clip(NASTY, -1e38, 1e38).astype(dtype) if dtype == np.float32 else np.array(NASTY)
     arguments = {"actions": [1, 0, 2, 1, 0], "offsets": [0, 2, 5], "ids": ["b,\"'é", "a"]} | changes
-    return Demonstrations.from_arrays(observations, **arguments)
+    return Demonstrations(observations, **arguments)
 
 
 def same(one, other, dtype=None):
@@ -221,15 +221,3 @@ def test_bad_truth(tmp_path, suffix):
         refused_file("would be taken for data", formats.write, path, demonstrations(), {name: [0, 1]})
     refused_file("one value for each of 2", formats.write, path, demonstrations(), {"is_good": [0]})
     assert not path.exists()
-
-
-def test_only_what_reads_and_writes_imports_pyarrow():
-    import subprocess
-    import sys
-
-    uses = "import sys, rpil, rpil.cli.main; rpil.simulate, rpil.Demonstrations"
-    for code, imports_it in ((uses, 0), (f"{uses}; rpil.read", 1)):
-        assert (
-            subprocess.run([sys.executable, "-c", f"{code}; sys.exit('pyarrow' in sys.modules)"]).returncode
-            == imports_it
-        )

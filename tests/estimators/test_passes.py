@@ -21,7 +21,7 @@ from small import SAMPLE, small_rpil
 
 def demonstrations(kind="random", seed=0, n_good=80, n_bad=40, maker=make):
     toy = maker(kind, seed, n_good=n_good, n_bad=n_bad, steps=(20, 60))
-    return toy, Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets, toy.ids)
+    return toy, Demonstrations(toy.observations, toy.actions, toy.offsets, toy.ids)
 
 
 def both(data, fit=None, **options):
@@ -113,7 +113,7 @@ def test_engines_judge_copies_in_the_sample_once(monkeypatch):
     rows = [data.observations, *[data.observations[: data.offsets[1]]] * 60]
     actions = [data.actions, *[data.actions[: data.offsets[1]]] * 60]
     offsets = np.append(data.offsets, data.offsets[-1] + data.lengths[0] * np.arange(1, 61))
-    more = Demonstrations.from_arrays(np.concatenate(rows), np.concatenate(actions), offsets)
+    more = Demonstrations(np.concatenate(rows), np.concatenate(actions), offsets)
     seen = []
     monkeypatch.setattr(passes, "JudgedSample", lambda *parts: seen.append(parts[1]) or JudgedSample(*parts))
     here, shared = (small_rpil(engine=engine).fit(more) for engine in (None, LocalEngine(n_shards=3)))
@@ -138,7 +138,7 @@ def test_final_policy_learns_states_outside_the_sample():
     rare = data.offsets[np.setdiff1d(np.arange(300), chosen)[[10, 20, 30]]]
     actions[np.concatenate([rare, rare + 1])] = 7
     observations[rare, -1] = 1.0
-    data = Demonstrations.from_arrays(observations, actions, data.offsets, data.ids)
+    data = Demonstrations(observations, actions, data.offsets, data.ids)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         model = small_rpil(features="raw").fit(data)

@@ -244,7 +244,7 @@ def test_what_was_written_to_keep_is_carried_out_by_its_rules(tmp_path):
         choice = choose(table, asked)
         path = tmp_path / "keep.json"
         path.write_text(json.dumps(choice.to_dict()))
-        again = choose(read_verdicts(path, table["id"]))
+        again = choose(read_verdicts(path))
         assert ({*again.kept}, again.rejected) == ({*choice.kept}, choice.rejected)
         assert {*choice.kept}.isdisjoint([4] if asked.faulty == {"4"} else [])
     assert 1 in choice.kept, "spared, though it is labelled bad"
@@ -255,7 +255,7 @@ def test_a_list_to_keep_that_is_none_is_refused(tmp_path):
     for episodes, rejected in ((None, {}), (3, {}), ([[1]], {}), ([], {"labels": 3}), ([{}], {})):
         path.write_text(json.dumps({"episodes": episodes, "rejected": rejected}))
         with pytest.raises(DataError, match=r"keep\.json"):
-            read_verdicts(path, [1])
+            read_verdicts(path)
 
 
 @pytest.mark.parametrize(

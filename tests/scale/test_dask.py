@@ -49,7 +49,7 @@ def cluster():
 
 def demonstrations(maker=make, kind="noisy"):
     toy = maker(kind, 0, n_good=80, n_bad=40, steps=(20, 60))
-    return Demonstrations.from_arrays(toy.observations.astype(np.float32), toy.actions, toy.offsets)
+    return Demonstrations(toy.observations.astype(np.float32), toy.actions, toy.offsets)
 
 
 def assert_same(one, other):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil.segments.destinations import near, progress
+from rpil.segments.find import near, progress
 from rpil.segments.settings import SegmentSettings
 
 SETTINGS = SegmentSettings()

@@ -248,7 +248,7 @@ def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: Stag
 def about(run: AuditRun) -> About:
     """Context that the report shows beside the audit."""
     from rpil.data.demonstrations import Demonstrations
-    from rpil.data.privacy import for_others
+    from rpil.data.text import for_others
     from rpil.faults.set_table import set_table
     from rpil.results.html.page import About, no_faults
 

@@ -57,8 +57,8 @@ def answers_of(
     read, every = demonstrations.ids, ids or demonstrations.ids
     is_file = isinstance(labels, str | os.PathLike)
     source, named = (str(labels), Path(str(labels)).name) if is_file else (demonstrations.source, "the labels")
-    rows = read_answer_rows(cast(StrPath, labels), every) if is_file else label_rows(labels)
-    by_id, pairs = parse_answers(rows, named, every) if rows or is_file else ({}, {})
+    rows = read_answer_rows(cast(StrPath, labels)) if is_file else label_rows(labels)
+    by_id, pairs = parse_answers(rows, named) if rows or is_file else ({}, {})
     check_ids([*(row.id for row in rows), *chain.from_iterable(pairs)], every, source, "the labels")
     marks = parse_marks(rows, named, read, demonstrations.lengths)
     chosen = {*map(str, read)}

@@ -195,8 +195,7 @@ def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:
     (id,demonstrator), or a column of the data, which a `Recording` was read with. A `DataError` names the file:
     nothing of that name, a demonstration with two demonstrators, an empty name."""
     if is_id_file(where):
-        ids = data.ids if isinstance(data, Recording) else ()
-        return match_demonstrators(read_id_pairs(where, "demonstrator", ids), Path(where).name)
+        return match_demonstrators(read_id_pairs(where, "demonstrator"), Path(where).name)
     recording = data if isinstance(data, Recording) else read_recording(data, ColumnOptions(operator=where))
     return match_demonstrators(recording.operators, f"{recording.description.source}, {where!r}")
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rpil.data.archive import Npz, open_npz, write_npz
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
@@ -18,7 +19,6 @@ from rpil.data.folders import is_hidden
 from rpil.data.guard import guarded
 from rpil.data.json_files import object_in, read_json
 from rpil.data.names import TASK, is_observation, may_be_outcome, natural_key, plain_name
-from rpil.data.npy import Npz, open_npz, write_npz
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.containers import ZIP, is_zarr, keep_groups, open_hdf5, open_zarr
@@ -69,9 +69,9 @@ def _open(path: Path, options: ColumnOptions = ColumnOptions(), where: str = "")
 def _array(stored: Npz, name: str) -> StoredArray:
     """An array of NPZ, which is read as a whole; it has no rows where it is of another version, or no array."""
     try:
-        return read_once(*stored.declared(name), partial(stored.read_one, name))
+        return read_once(*stored.declared(name), lambda: stored.read([name])[name])
     except ValueError:
-        return Closed((), np.dtype(object), partial(stored.read_one, name))
+        return Closed((), np.dtype(object), lambda _: stored.read([name])[name])
 
 
 def read(path: Path, options: ColumnOptions) -> StepTables:

@@ -12,7 +12,7 @@ from scipy.special import expit
 
 from rpil.data.demonstrator_groups import Demonstrators
 from rpil.data.errors import DataError
-from rpil.data.id_values import Relation, check_ids, label_codes, label_rows, match_pairs, parse_labels, parse_marks
+from rpil.data.id_values import Relation, check_ids, label_codes, label_rows, match_pairs, parse_answers, parse_marks
 from rpil.data.text import printable
 from rpil.inference.answered import Answered, answer, places_to_ask
 from rpil.inference.answers import Answers, check_copied_labels
@@ -134,9 +134,9 @@ def is_over(sentence: str) -> bool:
 def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, Id]]) -> Answers:
     """The answers of an audit and these; a new label replaces an old one."""
     known = audit.answers
-    texts, more = parse_labels(labels, audit.ids)
-    rows = [row for row in label_rows(labels) if row.is_mark]
-    check_ids([row.id for row in rows], audit.ids, "the labels", "the labels")
+    rows = label_rows(labels)
+    texts, more = parse_answers(rows, "the labels") if rows else ({}, {})
+    check_ids([row.id for row in rows if row.is_mark], audit.ids, "the labels", "the labels")
     marks = parse_marks(rows, "the labels", audit.ids, audit.lengths)
     for m, start, end, sign in known.marks.tolist():  # a new answer about the same rows stands in place of an old one
         new = marks[(marks[:, 0] == m) & (marks[:, 1] < end) & (marks[:, 2] > start)]

@@ -10,7 +10,7 @@ import csv
 import io
 import json
 from collections import Counter
-from collections.abc import Hashable, Iterable, Mapping, Sequence, Set
+from collections.abc import Hashable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import chain, compress
 from typing import Any, cast
@@ -144,8 +144,8 @@ def _rule_of(name: str, label: object, rule: str, below: bool, asked: Asked) -> 
     return next((one for one, holds in (*found.items(), inferred) if holds and one not in asked.ignored), "")
 
 
-def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
-    """The columns of a table of verdicts that an audit wrote, or of labels of the `ids`, which become verdicts, or of
+def read_verdicts(path: StrPath) -> Table:
+    """The columns of a table of verdicts that an audit wrote, or of labels, which become verdicts, or of
     the demonstrations to keep that an audit or a review wrote, with the rules that reject the others. A `DataError`
     where the file cannot be read as such."""
     path = check_readable(check_extension(path, TABLE_EXTENSIONS, "verdicts"))
@@ -173,14 +173,14 @@ def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
     if kind != "csv":
         remedy = "give the table of rpil audit --verdicts, the list of --keep, or labels"
         raise DataError(f"{path.name}: it has no columns id and verdict; {remedy}.")
-    labels = read_labels(path, ids)
+    labels = read_labels(path)
     return {"id": list(labels), "verdict": list(labels.values()), "label": list(labels.values())}
 
 
 def verdicts_about(path: StrPath, ids: Sequence[Hashable], every: Sequence[Hashable]) -> tuple[Table, set[str]]:
     """The rows of `read_verdicts` about the demonstrations `ids`, and those that it names, as text; None in the rows of
     the others. A `DataError` where the file names one that is none of `every` one, or one twice."""
-    table = read_verdicts(path, every)
+    table = read_verdicts(path)
     check_ids(table["id"], every, str(path), "the ids")
     row = {str(name): k for k, name in enumerate(table["id"])}
     if len(row) < len(table["id"]):

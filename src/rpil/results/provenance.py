@@ -12,7 +12,7 @@ from pathlib import Path
 from rpil.data.archive import rpil_version
 from rpil.data.files import StrPath
 from rpil.data.folders import is_hidden
-from rpil.data.privacy import for_others
+from rpil.data.text import for_others
 
 PROVENANCE_KEY = "rpil.provenance"
 """Key of the provenance, as JSON, among the metadata of a Parquet file."""

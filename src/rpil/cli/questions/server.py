@@ -16,7 +16,7 @@ from markupsafe import Markup
 from rpil.cli.questions.material import EpisodeVideos, Recorded
 from rpil.cli.questions.security import Application, Gate, guarded_by
 from rpil.cli.questions.session import Session, choices, count_line, opinion_line, question_sentence, warning_lines
-from rpil.data.arrays import check_text
+from rpil.data.arrays import check_name
 from rpil.data.errors import DataError, MissingExtraError, optional
 from rpil.data.json_files import Parsed
 from rpil.results.html.page import About, View, drawings, html_environment, make_view, render_page
@@ -118,7 +118,7 @@ class Review:
         if not isinstance(note, str) or len(note) > MAX_NOTE:
             raise DataError(f"A note is no text of {MAX_NOTE} characters at most; shorten it.")
         if note.strip():
-            check_text(note.strip(), "the note", "the answer")
+            check_name(note.strip(), "the note", "the answer")
         rows = given.get("rows", [])
         are_rows = isinstance(rows, list) and len(rows) == 2 and all(type(row) is int for row in rows)
         if rows != [] and not (are_rows and len(question) == 1 and given["key"] in "gb"):

@@ -94,7 +94,7 @@ class Session:
         self.question = next_question(start, start, (), most)
         self._most, self._written = most, before
         ids = {*map(str, start.ids)}
-        rows = [] if before is None else read_answer_rows(path, ids)
+        rows = [] if before is None else read_answer_rows(path)
         self.said = self._before = [row for row in rows if same_question(row.id, row.label) <= ids]
 
     @property
@@ -127,7 +127,7 @@ class Session:
         audit, lines, rows = self.audit, list[str](), tuple(by_question.values())
         if rows != self.rows:
             said = with_new(self._before, rows)
-            labels, pairs = parse_answers(said, "the answers", self.start.ids) if rows else ({}, {})
+            labels, pairs = parse_answers(said, "the answers") if rows else ({}, {})
             marks = {(row.id, row.start, row.end): str(row.label) for row in said if row.is_mark} if rows else {}
             is_told = labels or pairs or marks
             audit = self.start.answered(labels | marks, pairs, instead=True) if is_told else self.start
@@ -145,7 +145,7 @@ class Session:
         if not self.is_as_written:
             raise DataError(f"{path}: another program has changed it; end this run, and start again.")
         if rows or self.before is not None:
-            write_answers(path, self.before, rows, self.audit.ids)
+            write_answers(path, self.before, rows)
             self._written = path.read_bytes()
         else:
             path.unlink(missing_ok=True)
