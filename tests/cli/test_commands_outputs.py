@@ -69,8 +69,8 @@ def test_no_home_folder_is_in_what_is_passed_on(folder, tmp_path, monkeypatch):
     for path in files.values():
         assert str(tmp_path).encode() not in Path(path).read_bytes(), path
     made = json.loads(Path("k.json").read_text())["provenance"]
-    assert made["command"].startswith("rpil audit ~/sets/d.parquet --report r.html --verdicts v.parq")
-    assert [file["path"] for file in made["files"]] == ["~/sets/d.parquet", "who.csv"]
+    assert made["command"].startswith("rpil audit ~/sets/d.parquet --report ~/work/r.html --verdicts ~/work/v.parquet")
+    assert [file["path"] for file in made["files"]] == ["~/sets/d.parquet", "~/work/who.csv"]
 
 
 @pytest.mark.parametrize(("limit", "code"), [("bad", 0), ("outlier:5", 1), ("outlier:6", 0)])

@@ -132,7 +132,7 @@ def changed(array, row, column, value):
         ({"offsets": [0]}, "there are no demonstrations"),
         ({"actions": Y[:4]}, "5 observations but 4 actions"),
         ({"observations": X.astype(str)}, "observations hold text, not numbers"),
-        ({"observations": X[:, 0]}, r"x.npz: observations must be \(N, D\), not \(N,\); .*reshape\(-1, 1\)"),
+        ({"observations": X[:, 0]}, r"x.npz: observations must be \(N, D\), not \(5,\); .*reshape\(-1, 1\)"),
         ({"observations": X.reshape(5, 2, 1)}, r"flatten each one"),
         ({"observations": [[1, 2], [3]]}, "rectangular"),
         ({"observations": X.astype(complex)}, "not complex128"),

@@ -60,11 +60,9 @@ def test_a_replaced_file_keeps_its_permissions_and_a_link_stays_a_link(tmp_path)
     assert new.stat().st_mode == usual.stat().st_mode
 
 
-@pytest.mark.parametrize("writer", [replacing, new_folder])
-def test_a_killed_process_leaves_nothing_of_that_name(tmp_path, writer):
-    script = "import os, sys; from rpil.data import files\n"
-    script += f"with files.{writer.__name__}(sys.argv[1]) as path:\n"
-    script += "    (path / 'half' if path.is_dir() else path).write_text('half'); os.kill(os.getpid(), 9)"
+def test_a_killed_process_leaves_nothing_of_that_name(tmp_path):
+    script = "import os, sys; from rpil.data import files\nwith files.replacing(sys.argv[1]) as path:\n"
+    script += "    path.write_text('half'); os.kill(os.getpid(), 9)"
     subprocess.run([sys.executable, "-c", script, tmp_path / "out"], check=False)
     assert not (tmp_path / "out").exists()
     assert all(name.startswith(".") for name in os.listdir(tmp_path))

@@ -1,5 +1,4 @@
 import os
-from functools import partial
 
 import numpy as np
 import pyarrow as pa
@@ -200,18 +199,6 @@ def npz(path, **changes):
 )
 def test_bad_npz(tmp_path, changes, match):
     refused_file(match, formats.read, npz(tmp_path / "x.npz", **changes))
-
-
-def test_options_of_columns_hold_for_npz(tmp_path):
-    path = npz(tmp_path / "x.npz", t=[0, 2, 1], episode_ids=[7, 7, 7], actions=[5, 6, 7])
-    assert formats.read(path, exclude="0").observation_names == ("1",)
-    assert formats.read(path, order="t").actions.tolist() == [5, 7, 6]
-    refused_file("no column is called 'time'", partial(formats.read, order="time"), path)
-
-
-def test_npz_truth_is_never_read(tmp_path):
-    path = npz(tmp_path / "x.npz", is_good=np.array([None, object()], dtype=object), episode_ids=[5, 2, 5])
-    assert formats.read(path).ids == (5, 2)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

@@ -11,9 +11,9 @@ import pytest
 from scipy import stats
 
 from problems import refused
-from rpil.data.errors import MissingExtraError
+from rpil.data.errors import DataError, MissingExtraError
 from rpil.simulation.experts import expert
-from rpil.simulation.rollouts import Returns, record, rollout
+from rpil.simulation.rollouts import Returns, make, record, rollout
 
 ENVIRONMENTS = ["MountainCar-v0", "Acrobot-v1", "LunarLander-v3"]
 
@@ -144,3 +144,18 @@ def test_a_state_may_be_given_beside_the_actions():
     policies = SimpleNamespace(predict=lambda rows: (np.full(len(rows), 1.0), None)), Always(1)
     found, wanted = (rollout(policy, "CartPole-v1", n_episodes=3, seed=0) for policy in policies)
     np.testing.assert_array_equal(found.returns, wanted.returns)
+
+
+@pytest.mark.parametrize(
+    ("env_id", "message"),
+    [
+        ("own_worlds:Own-v0", "Gymnasium cannot make 'own_worlds:Own-v0' (ModuleNotFoundError: "),
+        ("Nowhere-v0", "Gymnasium cannot make 'Nowhere-v0' (NameNotFound: "),
+    ],
+)
+def test_what_is_missing_is_named(tmp_path, monkeypatch, env_id, message):
+    (tmp_path / "own_worlds.py").write_text("import missing_module")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(DataError) as error:
+        make(env_id)
+    assert str(error.value).startswith(message)

@@ -187,10 +187,10 @@ class Npz:
         return dict(zip(names, read_arrays(self.archive, [name + _ARRAY for name in names], self.where), strict=True))
 
 
-def open_npz(path: Path, where: str = "", remedy: str = "write it again") -> Npz:
+def open_npz(path: Path, where: str = "") -> Npz:
     """The arrays in the file at `path`, which is closed with them; a `DataError` where it is damaged."""
     where = where or path.name
-    with guarded(where, "not an NPZ file, or a damaged or truncated one", remedy):
+    with guarded(where, "not an NPZ file, or a damaged or truncated one", "write it again"):
         return Npz(zipfile.ZipFile(path), where)
 
 

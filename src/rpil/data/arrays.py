@@ -77,10 +77,9 @@ def as_observations(values: object, where: str) -> Array:
     array = as_array(values, "observations", where)
     if array.dtype.kind == "U":
         raise DataError(f"{where}: observations hold text, not numbers; encode it as numbers first.")
-    if array.ndim == 1:
-        raise DataError(f"{where}: observations must be (N, D), not (N,); with one per step use reshape(-1, 1).")
     if array.ndim != 2 or array.shape[1] == 0:
-        raise DataError(f"{where}: observations must be (N, D), not {array.shape}; flatten each one to a row.")
+        remedy = "use reshape(-1, 1)" if array.ndim == 1 else "flatten each one to a row"
+        raise DataError(f"{where}: observations must be (N, D), not {array.shape}; {remedy}.")
     return np.ascontiguousarray(array, dtype=np.float32 if array.dtype == np.float32 else np.float64)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from rpil.data.arrays import check_name
 from rpil.data.demonstrations import DemonstrationSet
-from rpil.data.errors import DataError, user_stack_level
+from rpil.data.errors import DataError
 from rpil.data.id_values import check_ids
 from rpil.numerics.types import Array
 
@@ -102,5 +102,5 @@ def group_by_demonstrator(demonstrators: DemonstratorNames | None, demonstration
             check_name(name, "the demonstrator", place)
     groups = Demonstrators.from_names(names)
     if not groups.informative:
-        warnings.warn(f"{source}: {groups.note}", UserWarning, stacklevel=user_stack_level())
+        warnings.warn(f"{source}: {groups.note}", UserWarning, stacklevel=2)
     return groups

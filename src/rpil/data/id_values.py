@@ -11,7 +11,6 @@ from typing import Any, Literal, NamedTuple, cast, get_args
 
 import numpy as np
 
-from rpil.data.arrays import check_name
 from rpil.data.cells import from_cell, to_cell
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
@@ -253,7 +252,6 @@ def match_demonstrators(pairs: Iterable[IdRow], source: str) -> dict[str, str]:
         place, name = f"{source}, demonstration {m!r}", "" if value is None else str(value).strip()
         if not name or not isinstance(value, str | int):
             raise DataError(f"{place}: it has no demonstrator; name one, or leave it out.")
-        check_name(name, "the demonstrator", place)
         if demonstrators.setdefault(m, name) != name:
             raise DataError(f"{place}: both {demonstrators[m]!r} and {name!r} gave it; name one.")
     if not demonstrators:
