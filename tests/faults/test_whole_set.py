@@ -55,31 +55,6 @@ def test_a_command_that_stays_until_its_state_is_there_is_clean():
     assert not {"frozen action", "frozen sensor"} & {*check(demonstrations(made)).counts}
 
 
-def of_others(episodes, others):
-    """States of the other recording, cut to the same lengths."""
-    both = zip(others, episodes, strict=True)
-    return [(x[: (n := min(len(x), len(a)))], a[:n]) for (x, _), (_, a) in both]
-
-
-def test_states_that_go_with_no_action_are_one_line():
-    for others in (arm(1), [*CLEAN[1:], CLEAN[0]]):
-        (line,) = check(demonstrations(of_others(CLEAN, others))).lines
-        assert (line.rule, line.id, line.ids) == ("unrelated", "", tuple(range(N)))
-        assert "these columns may belong to something else" in line.sentence
-
-
-@pytest.mark.parametrize("kind", ["speeds", "changes", "replays", "white"])
-def test_states_that_go_with_actions_in_any_way_are_not_unrelated(kind):
-    rng = np.random.default_rng(0)
-    made = {
-        "speeds": [(np.cumsum(a, axis=0), a) for _, a in CLEAN],
-        "changes": [(a[:-1], np.clip(np.diff(a, axis=0), -1, 1)) for _, a in CLEAN],
-        "replays": [(CLEAN[0][0] + 0.1 * rng.normal(size=CLEAN[0][0].shape), CLEAN[0][1]) for _ in CLEAN],
-        "white": [(rng.normal(size=x.shape), rng.normal(size=a.shape)) for x, a in CLEAN],  # nothing can be known
-    }
-    assert "unrelated" not in check(demonstrations(made[kind])).counts
-
-
 @pytest.mark.parametrize("operator", [True, False])
 def test_a_sign_that_goes_with_the_operator_is_named_with_the_operator(operator):
     rows = []

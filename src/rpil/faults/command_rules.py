@@ -23,7 +23,7 @@ class CommandRule(ComparingRule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """Result of `relation` for each demonstration, (M, P); three quantiles of the distance of each action from its
-        state, (M, P); the steps that states need for the distance, (M,); and `misfits`."""
+        state, (M, P); and `misfits`."""
         pairs, found, turn = learned.tracked, [], block.turn[learned.tracked.action, None]
         for actions, states in parts_of(block, pairs):
             gap = (actions - pairs.slope[:, None] * states)[
@@ -34,11 +34,7 @@ class CommandRule(ComparingRule):
             gap = gap[:, at] - turn * np.rint(gap[:, at[1:2]] / np.where(turn > 0, turn, np.inf))
             found.append((*relation(actions, states, pairs.is_command), *gap.T))
         left = misfits(block, pairs) if pairs.fits.any() else np.ones((len(found), 2 * settings.MAX_SHIFT + 1))
-        own, of = pairs.state[pairs.fits], pairs.action[pairs.fits]
-        scale = block.columns.scale[own, None]  # with leaps as large as ten usual changes at most
-        sizes = np.abs(block.values[of] - block.values[own]), np.minimum(block.size[own], 10.0 * scale)
-        apart, step = ((np.add.reduceat((x / scale).sum(axis=0), block.offsets[:-1])) for x in sizes)
-        return (*map(np.array, zip(*found, strict=True)), apart / np.maximum(step, 1e-300), left)
+        return (*map(np.array, zip(*found, strict=True)), left)
 
 
 class ActionIsState(CommandRule):
@@ -73,7 +69,7 @@ class Exchanged(CommandRule):
 
 class CommandAgainstState(CommandRule):
     name, words, grade = "offset", "a command is at another level than the state that follows it", "broken"
-    causes = ("exchanged", "action is state", "never moves", "two units", "unrelated")
+    causes = ("exchanged", "action is state", "never moves", "two units")
 
     def compare(self) -> Compared:
         pairs, (slope, own, _, _, _, low, gap, high) = self.data.learned.tracked, self.measured[:8]

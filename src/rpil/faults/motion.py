@@ -163,7 +163,7 @@ class Scale(ComparingRule):
 
     name, words = "scale", "a column and its changes are many times larger, or smaller, than usual"
     sentence = "{column} and its changes are {times} than usual: perhaps another unit, perhaps {motion}"
-    causes = ("length", "unrelated", "two units")
+    causes = ("length", "two units")
     takes_steps = True
 
     @staticmethod

@@ -66,6 +66,10 @@ class DroppedFrames(Rule):
     name, words = "dropped frames", "the time between two frames is too long"
 
 
+class FrameRate(Rule):
+    name, words = "frame rate", "its clock is slower or faster than those of the others"
+
+
 def recorded_time(times: Times, demonstrations: DemonstrationSet) -> float | None:
     """Seconds between two frames by the timestamps; None where there are none, or all are coarser than the frames."""
     if times.timestamps is None:
@@ -131,7 +135,7 @@ def _find_rates(frames: Array, limit: float, demonstrations: DemonstrationSet, u
         time, threshold = 1e3 * usual * mean[m], 1e3 * usual * middle
         sentence = f"a frame comes every {time:.4g} ms, and in the others every {threshold:.4g} ms"
         place = 0, int(lengths[m]) - 1, ""
-        yield Fault("frame rate", demonstrations.ids[m], *place, time, threshold, float(off[m] / least[m]), sentence)
+        yield Fault(FrameRate.name, demonstrations.ids[m], *place, time, threshold, float(off[m] / least[m]), sentence)
 
 
 def _rules(*lines: str) -> tuple[type[Rule], ...]:

@@ -20,7 +20,7 @@ from rpil.data.text import counted, duration, listed, moment, one_line, printabl
 from rpil.faults import settings
 from rpil.faults.lag import Pair, find_lag
 from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, pilot
-from rpil.faults.tracking import Tracked, are_strangers, find_tracked
+from rpil.faults.tracking import Tracked, find_tracked
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Int
 
@@ -108,7 +108,6 @@ class Learned:
     tracked: Tracked
     action_labels: tuple[str, ...]
     same: dict[int, str]  # observations that stay the same in the sample, and their labels
-    are_strangers: bool  # see `rpil.faults.tracking.are_strangers`
 
     @classmethod
     def of(cls, demonstrations: Demonstrations | Dataset) -> Learned:
@@ -123,7 +122,13 @@ class Learned:
         states = block.observations[:, : settings.MOST_COLUMNS]
         same = {k: labels[k] for k in np.flatnonzero(states.min(axis=0) == states.max(axis=0)).tolist()}
         labels = labels[demonstrations.n_observations :]
-        return cls(replace(sample.columns, partner=partner), pairs, tracked, labels, same, are_strangers(sample))
+        return cls(replace(sample.columns, partner=partner), pairs, tracked, labels, same)
+
+    @cached_property
+    def followed(self) -> tuple[Pair, ...]:
+        """The pairs of actions that are no commands, of which only comparisons tell."""
+        commands = self.tracked.action if self.tracked.is_command else ()
+        return tuple(pair for pair in self.pairs if pair.action not in commands)
 
 
 GRADES = "broken", "suspect", "odd"

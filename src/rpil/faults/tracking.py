@@ -17,7 +17,7 @@ import numpy as np
 
 from rpil.faults import settings
 from rpil.faults.lag import centred
-from rpil.faults.measured_columns import MovingBlock, part_means
+from rpil.faults.measured_columns import MovingBlock
 from rpil.numerics.types import Array, Bool, Float, Int
 
 _ROLE_WORDS = re.compile(
@@ -76,29 +76,6 @@ def _fitted(sample: MovingBlock, own: Int[Array, "P 2"]) -> Tracked:
     if not fits.any():
         return found
     return replace(found, lag=int(np.median(misfits(sample, found), axis=0).argmin()) - settings.MAX_SHIFT)
-
-
-def are_strangers(sample: MovingBlock) -> bool:
-    """Whether states go with the actions of other demonstrations as well as with those of their own: in what is special
-    of each, its means over parts of time less the median ones, of which a few do not decide. Nothing is known where
-    that does not last."""
-    columns, n = sample.columns, len(sample.numbers)
-    profile = np.moveaxis(part_means(sample.values, sample.offsets, 4 * settings.PARTS), 2, 0)  # (C, M, K)
-    own = (profile - np.median(profile, axis=1, keepdims=True)) / np.maximum(columns.spread, 1e-300)[:, None, None]
-    size = np.sqrt((own**2).mean(axis=2, keepdims=True))
-    own *= np.minimum(1.0, np.median(size, axis=1, keepdims=True) / np.maximum(size, 1e-300))
-    power = (own**2).mean(axis=(1, 2))
-    lasting = (own[..., 1:] * own[..., :-1]).mean(axis=(1, 2)) >= settings.LEAST_RELATED * power
-    lasting &= (np.sqrt(power) >= settings.LEAST_SPREAD) & (columns.memory >= settings.LEAST_MEMORY)
-    actions, states = own[lasting & columns.is_action], own[lasting & ~columns.is_action]
-    if n < settings.PARTS or not len(actions) or not len(states):
-        return False
-    both = [np.concatenate([states, np.gradient(states, axis=2)])]
-    both += [np.roll(actions, k, axis=1) for k in range(settings.PARTS)]
-    series, *rolled = (x.reshape(len(x), -1) / np.sqrt((x**2).sum(axis=(1, 2)) + 1e-300)[:, None] for x in both)
-    own_best, *best = (float(np.abs(x @ series.T).max()) for x in rolled)
-    by_chance = float(np.mean(best) + settings.ERRORS * np.std(best))
-    return own_best < by_chance <= settings.LEAST_RELATED  # else a relation would not be seen
 
 
 def parts_of(block: MovingBlock, pairs: Tracked) -> Iterator[tuple[Array, Array]]:
