@@ -262,7 +262,8 @@ def _quaternions(values: Array) -> dict[int, Array]:
     size = values.astype(np.float64) ** 2
     for k in range(values.shape[1] - 3):
         is_free = k >= max(found, default=-4) + 4
-        if is_free and np.allclose(size[:, k : k + 4].sum(axis=1), 1.0, atol=1e-3) and size[:, k : k + 4].std() > 0:
+        is_free &= all(np.allclose(x[:, k : k + 4].sum(axis=1), 1.0, atol=1e-3) for x in (size[:1], size) if is_free)
+        if is_free and size[:, k : k + 4].std() > 0:
             found[k] = values[0, k : k + 4]
     return found
 
@@ -273,8 +274,8 @@ def _median_or_one(values: Array) -> float:
 
 def _is_measurement(column: Array) -> bool:
     """Whether a column has many values, which are not those of a byte: 0 to 255, or 0 to 1 in steps of 1 / 255."""
-    low, high = float(column.min()), float(column.max())
-    if len(np.unique(column)) < settings.MIN_DISTINCT or not np.isfinite(column).all():
+    low, high, few = float(column.min()), float(column.max()), 10 * settings.MIN_DISTINCT
+    if all(len(np.unique(x)) < settings.MIN_DISTINCT for x in (column[:few], column)) or not np.isfinite(column).all():
         return False  # values are missing where the sample holds no demonstration without
     is_byte = low >= 0 and high <= 255 and np.array_equal(column, np.rint(column))
     in_parts = column.astype(np.float64) * 255

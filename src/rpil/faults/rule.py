@@ -115,20 +115,14 @@ class Learned:
         block, numbers = pilot(demonstrations)
         labels = column_labels(demonstrations)
         sample = learn_columns(block, numbers, labels)
-        pairs, partner = find_lag(sample, settings.MAX_LAG)
         tracked = find_tracked(sample)
+        pairs, partner = find_lag(sample, settings.MAX_LAG, tracked.action.tolist() if tracked.is_command else ())
         if tracked.is_command:
             partner[tracked.action], partner[tracked.state] = tracked.state, tracked.action
         states = block.observations[:, : settings.MOST_COLUMNS]
         same = {k: labels[k] for k in np.flatnonzero(states.min(axis=0) == states.max(axis=0)).tolist()}
         labels = labels[demonstrations.n_observations :]
         return cls(replace(sample.columns, partner=partner), pairs, tracked, labels, same)
-
-    @cached_property
-    def followed(self) -> tuple[Pair, ...]:
-        """The pairs of actions that are no commands, of which only comparisons tell."""
-        commands = self.tracked.action if self.tracked.is_command else ()
-        return tuple(pair for pair in self.pairs if pair.action not in commands)
 
 
 GRADES = "broken", "suspect", "odd"
@@ -159,7 +153,7 @@ class Measurements:
             "actions": (not columns.is_action.any(), codes.format("action")),
             "columns": (not columns.names, codes.format("observation or action")),
             "commands": (not len(self.learned.tracked.action), "no action is the command of a state"),
-            "lag": (not self.learned.pairs, "no observation follows an action"),
+            "lag": (not self.learned.pairs and not self.learned.tracked.is_command, "no observation follows an action"),
             "several": (len(self.ids) < least, f"it takes {least} demonstrations to know what is usual"),
         }
         return {need: reason for need, (is_lacking, reason) in reasons.items() if is_lacking}

@@ -164,10 +164,13 @@ def largest(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Flo
 
 def next_largest(values: Float[Array, "C T"], step: Int[Array, "M C"], offsets: Int[Array, " _"]) -> Array:
     """The largest value of each demonstration but for the steps around the one that has it, (M, C)."""
-    values, rows = values.copy(), np.arange(len(values))
-    for off in range(-settings.WIDTH, settings.WIDTH + 1):
-        values[rows, np.clip(step + off, 0, np.diff(offsets)[:, None] - 1) + offsets[:-1, None]] = 0.0
-    return np.asarray(np.maximum.reduceat(values, offsets[:-1], axis=1).T)
+    near = np.arange(-settings.WIDTH, settings.WIDTH + 1)[:, None, None]
+    at = np.arange(len(values)), np.clip(step + near, 0, np.diff(offsets)[:, None] - 1) + offsets[:-1, None]
+    there = values[at]
+    values[at] = 0.0
+    found = np.maximum.reduceat(values, offsets[:-1], axis=1).T
+    values[at] = there
+    return np.asarray(found)
 
 
 def first_largest(values: Shaped[Array, " K"], begins: Int[Array, " P"]) -> Int[Array, " P"]:
@@ -272,17 +275,18 @@ def resting_rows(block: MovingBlock, is_command: bool, by_states: bool = True) -
     inside, bounds = np.flatnonzero(is_exact), np.append(0, np.cumsum(ends - begins))
     a, b = parts(steady(own[np.ix_(states, inside)], of_states, bounds), bounds)
     k = np.searchsorted(bounds, a, side="right") - 1
-    found = [(states, inside[a], inside[b - 1] + 1, begins[k], ends[k])]
+    found = [(own[states], reach[states], inside[a], inside[b - 1] + 1, begins[k], ends[k])]
     if by_states:
         a, b = parts(steady(own, bands, offsets), offsets)
         n = np.append(0, np.cumsum(is_exact))
         a, b = a[n[a] == n[b]], b[n[a] == n[b]]  # else the action tells
         k = np.searchsorted(offsets, a, side="right") - 1
-        found.append((states | True, a, b, offsets[k], offsets[k + 1]))
-    for chosen, *of_runs in found:
+        found.append((own, reach, a, b, offsets[k], offsets[k + 1]))
+    for values, far, *of_runs in found:
         for a, b, low, high in zip(*(of.tolist() for of in of_runs), strict=True):
-            off = np.abs(own[chosen, a:b] - np.median(own[chosen, a:b], axis=1, keepdims=True))
-            near = np.flatnonzero((off <= reach[chosen]).all(axis=0))
+            order, n = np.sort(values[:, a:b], axis=1), b - a
+            middle = (order[:, (n - 1) // 2, None] + order[:, n // 2, None]) / 2
+            near = np.flatnonzero((np.abs(values[:, a:b] - middle) <= far).all(axis=0))
             if len(near) and near[-1] - near[0] >= settings.REST_ROWS - 1:  # in the first it arrives
                 is_head, is_tail = (x - y <= settings.REST_ROWS // 2 for x, y in ((a, low), (high, b)))
                 first = low if is_head and low in offsets else a + near[0] + 1  # at the ends a few rows tell little

@@ -69,7 +69,7 @@ class OtherLag(ComparingRule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """As `shifts`."""
-        return shifts(block, learned.followed)
+        return shifts(block, learned.pairs)
 
     def compare(self) -> Compared:
         tracked, n = self.data.learned.tracked, len(self.data.ids)
@@ -107,10 +107,13 @@ class OtherLag(ComparingRule):
 
     def usual(self) -> str:
         """The usual lag in words."""
-        best = self.data.learned.pairs[0]
-        names = [self.columns.names[c] for c in (best.action, best.state)]
-        first, second = names if best.lag >= 0 else names[::-1]
-        return f"{second} follows {first} after {self.data.in_steps(abs(best.lag))}"
+        tracked, lag = self.data.learned.tracked, self.data.learned.tracked.lag
+        own = (tracked.action[tracked.fits], tracked.state[tracked.fits])
+        if not tracked.is_command:
+            best = self.data.learned.pairs[0]
+            own, lag = ([best.action], [best.state]), best.lag
+        first, second = [self.columns.names[c[0]] for c in own][:: 1 if lag >= 0 else -1]
+        return f"{second} follows {first} after {self.data.in_steps(abs(lag))}"
 
 
 class Sign(ComparingRule):
@@ -122,7 +125,7 @@ class Sign(ComparingRule):
     measure = OtherLag.measure
 
     def compare(self) -> Compared:
-        agreement, pairs = self.measured[2], self.data.learned.followed  # `CommandAgainstState` knows the others
+        agreement, pairs = self.measured[2], self.data.learned.pairs  # of commands `CommandAgainstState` tells
         self.names = tuple(self.columns.names[pair.action] for pair in pairs)
         usual = np.array([pair.correlation for pair in pairs])
         by_chance = settings.TAIL * 2.0 / np.sqrt(self.data.lengths)[:, None]
