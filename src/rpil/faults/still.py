@@ -39,12 +39,16 @@ class HeldValue(ComparingRule):
         stays = block.size == 0
         stays[:, begins] = False
         still, first, length = longest_runs(
-            stays, lambda c, t: block.moves[t] & ((partner[c] < 0) | (block.size[partner[c], t] > 0)), offsets
+            stays,
+            lambda c, t: block.moves[t] & ((partner[c] < 0) | (block.size[partner[c], t] > 0)),
+            offsets,
         )
         at = values[np.arange(len(values)), first + begins[:, None]]
         together = stays[:n_states].all(axis=0, keepdims=True) & ~np.isin(np.arange(len(block.moves)), begins)
         acts = block.size[n_states:]
-        n, since, every = (x[:, 0] for x in longest_runs(together, lambda _, t: (acts[:, t] > 0).any(axis=0), offsets))
+        n, since, every = (
+            x[:, 0] for x in longest_runs(together, lambda _, t: np.asarray((acts[:, t] > 0).any(axis=0)), offsets)
+        )
         ends = (since > 0) & (since + every == ends - begins) & (n >= settings.STILL_SHARE * (ends - begins))
         far = np.zeros((2, *first.shape))
         for m, c in np.argwhere((length >= settings.MIN_FROZEN) & (partner >= 0)).tolist():
@@ -264,9 +268,9 @@ def resting_rows(block: MovingBlock, is_command: bool, by_states: bool = True) -
     drift = settings.REST_DRIFT * columns.spread[tells] + 1e-12
     bands = {w: settings.REST_FAR * np.sqrt(2 / w) * noise + drift * w for w in settings.REST_WIDTHS}
     of_states, reach = {w: band[states] for w, band in bands.items()}, settings.REST_FAR * (noise + drift)[:, None]
-    same = np.ones(actions.shape, dtype=bool)
+    same: Array = np.ones(actions.shape, dtype=bool)
     np.equal(actions[1:], actions[:-1], out=same[1:])
-    same = (same if is_command else same | (actions == 0)).all(axis=1)
+    same = np.asarray((same if is_command else same | (actions == 0)).all(axis=1))
     same[offsets[:-1]] = False
     begins, ends = parts(long_runs(same, offsets), offsets)
     moves = ends - begins < np.diff(offsets)[np.searchsorted(offsets, begins, side="right") - 1] - 1

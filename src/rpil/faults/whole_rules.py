@@ -107,12 +107,14 @@ class OtherLag(ComparingRule):
 
     def usual(self) -> str:
         """The usual lag in words."""
-        tracked, lag = self.data.learned.tracked, self.data.learned.tracked.lag
-        own = (tracked.action[tracked.fits], tracked.state[tracked.fits])
-        if not tracked.is_command:
-            best = self.data.learned.pairs[0]
-            own, lag = ([best.action], [best.state]), best.lag
-        first, second = [self.columns.names[c[0]] for c in own][:: 1 if lag >= 0 else -1]
+        tracked, pairs = self.data.learned.tracked, self.data.learned.pairs
+        p = int(tracked.fits.argmax()) if tracked.is_command else 0
+        action, state, lag = (
+            (tracked.action[p], tracked.state[p], tracked.lag)
+            if tracked.is_command
+            else (pairs[0].action, pairs[0].state, pairs[0].lag)
+        )
+        first, second = [self.columns.names[c] for c in (action, state)][:: 1 if lag >= 0 else -1]
         return f"{second} follows {first} after {self.data.in_steps(abs(lag))}"
 
 
