@@ -297,9 +297,9 @@ def test_few_demonstrations_tell_nothing():
         "exchanged",
         "action is state",
     }
-    free = {*alone, "dropped frames", "frame count", "frame rate"}
+    free = {*alone, "dropped frames", "frame count"}
     beside = {rule.name for rule in FOLDER_RULES}
-    assert set(report.not_checked) == set(RULES) - alone - beside - {"frame rate"}
+    assert set(report.not_checked) == set(RULES) - alone - beside
     for rule in set(RULES) - free - beside:
         assert report.not_checked[rule] == "it takes 4 demonstrations to know what is usual"
     assert set(check(demonstrations(CLEAN[:4])).not_checked) < set(report.not_checked)

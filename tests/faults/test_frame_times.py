@@ -39,18 +39,6 @@ def test_the_worst_of_repeated_rows_and_times_is_the_finding():
     assert (fault.first, fault.last, round(fault.severity, 9)) == (71, 79, 3)
 
 
-def test_a_clock_that_goes_slower_than_the_others_is_another_frame_rate():
-    own = np.repeat(np.arange(5) == 2, CLEAN.lengths)
-    for rate, found in ((1.02, [2]), (0.98, [2]), (1.005, [])):
-        report = check(CLEAN, times=Times(np.where(own, rate, 1.0) * times(), 50.0))
-        assert [f.id for f in report.findings] == found
-        assert {f.rule for f in report.findings} <= {"frame rate"}
-    (fault,) = check(CLEAN, times=Times(np.where(own, 1.02, 1.0) * times(), 50.0)).findings
-    assert fault.sentence == "a frame comes every 20.4 ms, and in the others every 20 ms"
-    own |= np.repeat(np.arange(5) == 3, CLEAN.lengths)  # two of five: it is not known which is usual
-    assert not check(CLEAN, times=Times(np.where(own, 1.02, 1.0) * times(), 50.0)).findings
-
-
 def test_a_clock_of_whole_seconds_tells_gaps_of_seconds_alone():
     whole = np.floor(times())
     assert not check(CLEAN, times=Times(whole, 50.0)).findings

@@ -15,7 +15,6 @@ from rpil.faults.measured_columns import changes, column_labels, learn_columns, 
 from rpil.faults.motion import Jump, RepeatedFrames, Scale, Spike
 from rpil.faults.recorded import find_frame_times
 from rpil.faults.rule import Learned
-from rpil.faults.whole_rules import Length
 from rpil.formats.metadata import Times
 
 RNG = np.random.default_rng(0)
@@ -114,20 +113,6 @@ def test_frames_are_dropped_in_the_demonstration_that_lacks_them(step):
     (fault,) = check(d, times=Times(stamps, 50.0)).findings
     assert fault.last == step
     assert fault.sentence.startswith("about 5 frames missing: ")
-
-
-def test_the_last_step_is_measured_and_a_distance_is_a_mean_over_columns_of_five_spreads_at_most():
-    values, kinds = np.arange(2.0 * OFFSETS[-1]).reshape(2, -1), SimpleNamespace(is_action=np.array([False, True]))
-    block = block_of(values, columns=kinds)
-    np.testing.assert_array_equal(Length.measure(block, None)[0], OFFSETS[1:, None] - 1)
-    off = 0.98 * 0.6745  # with the least spread, the others are one spread wide
-    usual = np.array([-off, -off, 0, 0, 0, off, off])
-    last = np.column_stack([np.append(5 + usual, 7.0), np.append(usual, 100.0)])
-    columns = SimpleNamespace(is_action=np.zeros(2, bool), spread=np.ones(2), memory=np.array([1.0, 0.7]))
-    far = Length.far.fget(SimpleNamespace(measured=(last,), columns=columns))
-    np.testing.assert_allclose(far[[0, 2, 7]], [off**2, 0, (4 + 25) / 2])
-    columns.memory[1] = 0.69  # that column ends by chance
-    assert Length.far.fget(SimpleNamespace(measured=(last,), columns=columns))[7] == pytest.approx(4 / 2)
 
 
 def test_series_are_whitened_by_what_an_action_remembers():

@@ -17,7 +17,6 @@ from rpil.faults import settings
 from rpil.faults.measured_columns import all_values
 from rpil.faults.motion import RepeatedFrames
 from rpil.faults.rule import Fault, Rule
-from rpil.faults.still import few
 from rpil.formats.format import Defect
 from rpil.formats.metadata import Times, usual_step
 from rpil.numerics.types import Array
@@ -66,10 +65,6 @@ class DroppedFrames(Rule):
     name, words = "dropped frames", "the time between two frames is too long"
 
 
-class FrameRate(Rule):
-    name, words = "frame rate", "its clock is slower or faster than those of the others"
-
-
 def recorded_time(times: Times, demonstrations: DemonstrationSet) -> float | None:
     """Seconds between two frames by the timestamps; None where there are none, or all are coarser than the frames."""
     if times.timestamps is None:
@@ -99,7 +94,6 @@ def find_frame_times(times: Times, demonstrations: DemonstrationSet, usual: floa
     frames = np.where(within, np.diff(times.timestamps), usual) / usual
     tick = _tick(frames[within])
     limit = settings.FRAME_GAP + tick
-    yield from _find_rates(frames, limit, demonstrations, usual)
     late, early = (DroppedFrames.name, frames - 1.0, 1.0 + limit), (RepeatedFrames.name, 1.0 - frames, 1.0 - limit)
     for rule, off, threshold in (late, early):
         places = np.flatnonzero(~(off <= limit))  # a time that is missing is wrong as well
@@ -116,26 +110,6 @@ def find_frame_times(times: Times, demonstrations: DemonstrationSet, usual: floa
             sentence = f"{said} before {moment(step, usual)} (usual: {1e3 * usual:.4g} ms)"
             place = demonstrations.ids[m], step - 1, step, ""
             yield Fault(rule, *place, time, 1e3 * usual * threshold, severity, sentence)
-
-
-def _find_rates(frames: Array, limit: float, demonstrations: DemonstrationSet, usual: float) -> Iterator[Fault]:
-    """Demonstrations whose frames all come later, or sooner, than those of the others: the mean of the times that are
-    no gaps, which add up to more than `limit` frames."""
-    offsets, lengths = demonstrations.offsets, demonstrations.lengths
-    every = np.append(1.0, np.where(np.abs(frames - 1.0) <= limit, frames, 1.0))
-    every[offsets[:-1]] = 0.0
-    mean = np.add.reduceat(every, offsets[:-1]) / np.maximum(lengths - 1, 1)
-    low, middle, high = np.quantile(mean, [0.25, 0.5, 0.75])
-    off = np.abs(mean / middle - 1.0)
-    least = np.maximum(settings.OTHER_RATE + settings.FENCE * (high - low), limit / np.maximum(lengths - 1, 1))
-    found = np.flatnonzero((off > least) & (lengths > 1))
-    if len(found) > few(len(lengths)):
-        return
-    for m in found.tolist():
-        time, threshold = 1e3 * usual * mean[m], 1e3 * usual * middle
-        sentence = f"a frame comes every {time:.4g} ms, and in the others every {threshold:.4g} ms"
-        place = 0, int(lengths[m]) - 1, ""
-        yield Fault(FrameRate.name, demonstrations.ids[m], *place, time, threshold, float(off[m] / least[m]), sentence)
 
 
 def _rules(*lines: str) -> tuple[type[Rule], ...]:

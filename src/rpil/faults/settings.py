@@ -92,16 +92,13 @@ NEAR_TURN, WITHIN_TURN = 0.85, 1.01  # share of a turn of a leap at least, and o
 APPROACH = 4  # steps before a leap in which it came nearer, in most of the leaps
 
 # Whole demonstrations
-LENGTH_FACTOR = 2.0  # * times the usual length, or its inverse, and the usual squared distance of last steps
-CUT_LENGTH = 0.75  # share of the lower quartile of the lengths, below which one that ends elsewhere is cut off
+LENGTH_FACTOR = 2.0  # * times the usual length, or its inverse
 SCALE_FACTOR = 12.0  # * times the usual level and the usual change of a column, or their inverse
 NEIGHBOUR_ROWS = 1_024  # points whose distances to all others are in memory together
 PARTS = 8  # of time, whose means are compared
 MIN_DUPLICATE = 50  # steps from which equal demonstrations of codes are duplicates: shorter ones are equal by chance
 LEAST_RANGE = 0.005  # range of a column, relative to the median, below which it never moves
 STEADY_RANGE = 0.25  # the same, or its inverse, within which demonstrations lie in which it moves
-FARTHEST = 25.0  # squared distance of a last step in one column, in spreads, at most
-LEAST_SPREAD = 0.02  # standard deviations of a column by which last steps do not differ
 LEAST_STEPS = 20  # steps of a demonstration from which its scale, and the sign of a column, are known
 MOST_ZERO = 0.9  # share of demonstrations without a column, at most
 MOST_ABSENT = 0.5  # share of demonstrations without a column, and of steps of others in which it is 0, at most

@@ -19,44 +19,23 @@ from rpil.numerics.types import Array, Bool, Int
 
 
 class Length(ComparingRule):
-    name, words = "length", "it is far longer or shorter than the others, or short and ends where they do not"
-    sentence = "it has {steps}{seconds} (usual: {low:.0f} to {high:.0f} steps){end}"
+    name, words = "length", "it is far longer or shorter than the others"
+    sentence = "it has {steps}{seconds} (usual: {low:.0f} to {high:.0f} steps)"
     needs = ("several",)
 
-    @staticmethod
-    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """The observations of the last step."""
-        return (block.values[:, block.offsets[1:] - 1][~block.columns.is_action].T,)
-
-    @property
-    def far(self) -> Array:
-        """Mean squared distance of each last step from the usual one, in spreads, in columns that do not end by
-        chance, (M,)."""
-        (last,), columns, own = self.measured, self.columns, ~self.columns.is_action
-        off = last - np.median(last, axis=0)
-        spread = np.median(np.abs(off), axis=0) / 0.6745 + settings.LEAST_SPREAD * columns.spread[own]
-        lasting = columns.memory[own] >= settings.LEAST_MEMORY
-        squares = np.minimum((off / spread) ** 2, settings.FARTHEST) * lasting
-        return np.asarray(squares.sum(axis=1) / max(own.sum(), 1))
-
     def compare(self) -> Compared:
-        lengths, far = self.data.lengths.astype(float), self.far
+        lengths = self.data.lengths.astype(float)
         self.low, self.high = low, high = self.two_fences(lengths, settings.LENGTH_FACTOR)
-        short, usual_end = settings.CUT_LENGTH * np.quantile(lengths, 0.25), max(np.quantile(far, 0.75), 1.0)
-        cut = np.minimum(short / lengths, far / (settings.LENGTH_FACTOR * usual_end)) * (short >= settings.LEAST_STEPS)
         # What many demonstrations have, as those of another sampling rate, is no fault of one.
-        are_few = max((lengths < low).sum(), (lengths > high).sum(), (cut > 1).sum()) <= few(len(lengths))
+        are_few = max((lengths < low).sum(), (lengths > high).sum()) <= few(len(lengths))
         is_known = np.isfinite(high) & (low != 0) & are_few
         severity = np.where(is_known, np.maximum(lengths / high, low / lengths), np.nan)
-        self.is_cut = is_known & (cut > 1) & (severity <= 1)
-        return lengths, np.where(lengths > high, high, low), np.where(self.is_cut, cut, severity)
+        return lengths, np.where(lengths > high, high, low), severity
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        seconds = self.data.seconds
-        lasts = "" if seconds is None else f", {duration(fault.value, seconds)}"
-        end = ", fewer than most, and ends where the others do not: perhaps it is cut off" if self.is_cut[m] else ""
+        lasts = "" if self.data.seconds is None else f", {duration(fault.value, self.data.seconds)}"
         steps = counted(int(fault.value), "step")
-        return super().say(fault, m, c, steps=steps, seconds=lasts, low=self.low, high=self.high, end=end)
+        return super().say(fault, m, c, steps=steps, seconds=lasts, low=self.low, high=self.high)
 
 
 class OtherLag(ComparingRule):
