@@ -116,7 +116,8 @@ class Learned:
         labels = column_labels(demonstrations)
         sample = learn_columns(block, numbers, labels)
         tracked = find_tracked(sample)
-        pairs, partner = find_lag(sample, settings.MAX_LAG, tracked.action.tolist() if tracked.is_command else ())
+        told = [*tracked.action.tolist(), *tracked.state.tolist()] if tracked.is_command else []
+        pairs, partner = find_lag(sample, settings.MAX_LAG, told)
         if tracked.is_command:
             partner[tracked.action], partner[tracked.state] = tracked.state, tracked.action
         states = block.observations[:, : settings.MOST_COLUMNS]
