@@ -174,7 +174,6 @@ WITHOUT_TESTS = {
     "policies/settings.py": "tests/estimators/test_settings.py",
     "mixture/settings.py": "values alone",
     "mixture/adversaries/protocol.py": "a protocol; every adversary is tested",
-    "policies/protocol.py": "a protocol; every policy is tested",
     "scale/protocol.py": "a protocol; every engine is tested",
     "policies/linear.py": "a table of two lines",
     "results/judged.py": "tests/results/test_tasks_columns.py",

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from rpil.estimators.task import ActionBox, Features, FinalPolicy
     from rpil.mixture.adversaries.protocol import Adversary
     from rpil.mixture.em import State
-    from rpil.policies.protocol import CrossFittedPolicy
+    from rpil.policies.cross_fitted import CrossFittedPolicy
     from rpil.scale.fit import JudgedSample
     from rpil.scale.protocol import Engine, Shards
 

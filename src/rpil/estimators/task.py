@@ -35,12 +35,12 @@ from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float
 
 if TYPE_CHECKING:
-    from rpil.policies.cross_fitted import IdentityMap
+    from rpil.policies.cross_fitted import CrossFittedPolicy, IdentityMap
     from rpil.policies.features import FeatureMap
-    from rpil.policies.protocol import CrossFittedPolicy, Policy
+    from rpil.policies.linear import LinearPolicy
 
     Features = FeatureMap | IdentityMap
-    FinalPolicy = Policy | CrossFittedPolicy
+    FinalPolicy = LinearPolicy | CrossFittedPolicy
 
 ActionBox = tuple[ArrayLike, ArrayLike]
 Labels = Mapping[Any, str] | Sequence[tuple[Hashable, str]]

@@ -11,7 +11,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.numerics.types import Array, Float, Int
-from rpil.policies.protocol import Actions, Outputs
+from rpil.policies.linear import Actions, Outputs
 
 N_BINS = 20
 """Bins of the histogram of each part of an action. Chosen by hand, not tuned."""

@@ -13,7 +13,7 @@ from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.numerics.types import Array, Float
-from rpil.policies.protocol import Actions, Outputs
+from rpil.policies.linear import Actions, Outputs
 
 
 @stored()
