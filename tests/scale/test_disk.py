@@ -19,9 +19,8 @@ from rpil.formats import table as flat
 from small import small_rpil
 
 
-@pytest.mark.parametrize("continuous", [False, True])
-def test_a_fit_from_disk_is_the_fit_in_memory(tmp_path, continuous):
-    memory = demonstrations(continuous, "noisy", single=True)
+def test_a_fit_from_disk_is_the_fit_in_memory(tmp_path):
+    memory = demonstrations(False, "noisy", single=True)
     folder = write_files(flat.from_demonstrations(memory, {}), tmp_path / "many")
     labels = {3: "good", 100: "bad"}
     here = small_rpil(labels=labels).fit(memory)
@@ -37,7 +36,7 @@ def test_a_fit_from_disk_is_the_fit_in_memory(tmp_path, continuous):
     for name, own in here.audit_.traces.items():
         for part, same in zip(own.parts, there.audit_.traces[name].parts, strict=True):
             np.testing.assert_allclose([part.value, part.low], [same.value, same.low], rtol=1e-5, atol=1e-5)
-    assert len(own.taken) == (0 if continuous else len(own.parts[0].value))
+    assert len(own.taken) == len(own.parts[0].value)
 
 
 def test_a_small_data_set_is_fitted_in_memory(tmp_path):
