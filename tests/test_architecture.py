@@ -180,17 +180,16 @@ WITHOUT_TESTS = {
     "results/judged.py": "tests/results/test_tasks_columns.py",
     "estimators/task.py": "what RPIL, RMEnt and reweight read; each of them is tested",
     "data/arrays.py": "tests/data/test_demonstrations.py",
-    "formats/csv.py": "every format passes tests/data/test_formats.py",
+    "formats/csv.py": "tests/data/test_csv_variants.py",
     "formats/parquet.py": "as csv.py",
     "formats/table.py": "as csv.py",
-    "formats/dialect.py": "tests/data/test_csv_variants.py",
-    "data/names.py": "as dialect.py",
-    "formats/columns.py": "as dialect.py",
+    "data/names.py": "as csv.py",
+    "formats/columns.py": "as csv.py",
     "formats/lerobot/checked_folder.py": "tests/formats/lerobot/test_defects.py",
     "formats/recording.py": "as csv.py",
     "data/npy.py": "tests/data/test_hostile_files.py",
     "data/run.py": "one function, tested with the files that carry its result",
-    "formats/places.py": "as dialect.py",
+    "formats/places.py": "as csv.py",
 }
 """Files of the library that no test file is named after, and why."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import json
 import random
 import re
@@ -95,17 +94,16 @@ def test_damaged_rows_are_skipped():
     lines = table()
     lines[5], lines[20], lines[40] = "0,0.5", "\0\0\0\0", "6,0.25,1,ok,5,6"
     content = "\n".join(lines) + "\n"
-    for name, encoding, pack in (("a.csv", "utf-8", bytes), ("b.csv.gz", "cp1252", gzip.compress)):
-        Path(name).write_bytes(pack(content.replace("ok", "é").encode(encoding)))
-        with pytest.raises(DataError, match=r"line 6: 2 values for 4 columns in '0,0\.5', the first of 3 dama"):
-            read(name)
-        for on_disk in (False, True):
-            found = rpil.open(name, skip_bad=True, on_disk=on_disk)
-            assert found.left_out == (f"Skipped, because damaged: lines 6, 21, 41 of {name}.",)
-            assert found.description.steps == 45
-        rpil.open(name, skip_bad=True).keep([0, 3], f"kept-{name}")
-        kept = read(f"kept-{name}")
-        assert (kept.demonstrations, kept.steps) == (2, 10)
+    Path("a.csv").write_text(content.replace("ok", "é"), encoding="utf-8")
+    with pytest.raises(DataError, match=r"line 6: 2 values for 4 columns in '0,0\.5', the first of 3 dama"):
+        read("a.csv")
+    for on_disk in (False, True):
+        found = rpil.open("a.csv", skip_bad=True, on_disk=on_disk)
+        assert found.left_out == ("Skipped, because damaged: lines 6, 21, 41 of a.csv.",)
+        assert found.description.steps == 45
+    rpil.open("a.csv", skip_bad=True).keep([0, 3], "kept.csv")
+    kept = read("kept.csv")
+    assert (kept.demonstrations, kept.steps) == (2, 10)
 
 
 def test_damaged_lines_of_json_are_named_and_skipped():

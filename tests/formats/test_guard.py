@@ -159,7 +159,6 @@ LEROBOT = {
         INFO,
     ),
     "statistics nested deeply": (lambda path: (path / STATS).write_text(DEEP), STATS),
-    "statistics of the quantile 9.99": (change_statistics({"action": {"q999": [0]}}), STATS),
     "episodes missing": (lambda path: shutil.rmtree(path / "meta/episodes"), "episodes"),
     "episodes without numbers": (rewrite_episodes(lambda table: table.drop_columns("episode_index")), "episodes"),
     "episodes damaged": (lambda path: (path / EPISODES).write_bytes(b"PAR1"), "episodes"),

@@ -52,7 +52,7 @@ def of_faults(faults: Iterable[Fault], recording: Recording | None = None) -> li
 
 def _line(recording: Recording, fault: Fault) -> tuple[int, str]:
     """The line of a text file at which a fault begins, or the row of another; and which file of a folder it is."""
-    from rpil.formats.dialect import TEXT_SUFFIXES
+    from rpil.formats.csv import TEXT_SUFFIXES
 
     source, name = recording.description.source.lower(), fault.ids[0] if fault.ids else fault.id
     ids = [*recording.steps.ids]  # of the rows that were read

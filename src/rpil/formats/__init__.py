@@ -137,8 +137,7 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
     Parameters
     ----------
     path : path or frame
-        A file or folder of any known format; a pattern such as ``drive/*.parquet``; a data set of the Hub, as
-        ``hf://datasets/owner/name``; or a data frame.
+        A file or folder of any known format, or a data frame.
     on_disk : bool, optional
         Leave the demonstrations on disk, as a `Dataset` of any size, which is a copy in a temporary folder, or read
         them into memory; by default those that take more than `memory` stay there.

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Set
+import os
+from collections.abc import Iterator, Mapping, Set
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 import pyarrow as pa
@@ -17,10 +18,8 @@ from rpil.data.memory import check_memory
 from rpil.data.names import natural_key
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.csv import FILE
-from rpil.formats.dialect import MEMORY_PER_BYTE
+from rpil.formats.csv import FILE, MEMORY_PER_BYTE
 from rpil.formats.format import Defect, Format, StepTables, from_arrow, keep_one_file, plain_columns
-from rpil.formats.named_files import in_table
 from rpil.formats.scan import damaged_lines, parts_in_words
 from rpil.formats.table_folder import has_tables
 
@@ -116,6 +115,33 @@ def _find_defects(path: Path, _: bool) -> list[Defect]:
     """The files that the lines name and that are empty, or not there."""
     tables = [_parsed(file, ColumnOptions(skip_bad="damage"))[0].drop_columns([_LINE]) for file in _files(path)]
     return [*in_table(flat.end_to_end(tables, path.name), path if path.is_dir() else path.parent)]
+
+
+_NAMED = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".npy", ".npz", ".mp4", ".avi", ".wav", ".pcd")
+_FOLDERS = ("", "images", "IMG", "img")  # where recorders put them beside their table
+
+
+def in_table(table: pa.Table, folder: Path) -> Iterator[Defect]:
+    """Rows, from 0, that name files that are empty, or not there though others are; no path out of the folder, and no
+    link, is followed."""
+    for name in [one.name for one in table.schema if str(one.type).endswith("string")]:
+        texts = [PurePosixPath(str(text or "").strip().replace("\\", "/")) for text in table[name].to_pylist()]
+        if not texts or not all(text.suffix.lower() in _NAMED for text in texts[:: max(len(texts) // 20, 1)]):
+            continue
+        named = {str(text.parent) for text in texts if not text.is_absolute() and ".." not in text.parts}
+        sizes = dict(entry for place in (*sorted(named)[:20], *_FOLDERS) for entry in _sizes(folder.resolve() / place))
+        rows = [sizes.get(text.name) for text in texts]
+        for size, what in ((0, "empty"), (None, "not there")):
+            if any(rows) and (wrong := [row for row, own in enumerate(rows) if own == size]):
+                where = f"{parts_in_words(wrong, 'row', [])}, {texts[wrong[0]].name} to {texts[wrong[-1]].name}"
+                said = f"{len(wrong):,} of the {len(texts):,} files that it names are {what}: {where}"
+                yield Defect("named files", name, f"{said}; leave these steps out")
+
+
+def _sizes(place: Path) -> Iterator[tuple[str, int]]:
+    if place.is_dir() and place.resolve() == place:
+        with os.scandir(place) as entries:
+            yield from ((e.name, e.stat(follow_symlinks=False).st_size) for e in entries if e.is_file())
 
 
 FORMAT = Format(

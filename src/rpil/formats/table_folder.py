@@ -1,8 +1,7 @@
-"""Folders, and patterns, of several files with the same columns."""
+"""Folders of several files with the same columns."""
 
 from __future__ import annotations
 
-import glob
 import itertools
 import os
 from collections.abc import Iterable
@@ -11,13 +10,13 @@ from pathlib import Path
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists
-from rpil.data.folders import check_folder, check_inside, is_hidden
+from rpil.data.folders import check_folder, is_hidden
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_METADATA
 from rpil.data.names import OWN_TABLES
 from rpil.formats import csv, parquet
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.dialect import TEXT_SUFFIXES
+from rpil.formats.csv import TEXT_SUFFIXES
 from rpil.formats.format import Format, StepTables
 from rpil.formats.meta_folder import MetaFolder
 
@@ -46,7 +45,7 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
             raise DataError(f"{path}: it is a data set of Minari; read it in Python, by {call}.")
     parquet_files, texts = find_files(path)
     text_files = [] if parquet_files else [one for one in texts if one.name not in OWN_TABLES]
-    text_files = [one for one in text_files if not one.name.lower().endswith((".txt", ".txt.gz"))] or text_files
+    text_files = [one for one in text_files if not one.name.lower().endswith(".txt")] or text_files
     arrays = [one for one in sorted(Path(path).glob("*")) if one.suffix.lower() in _MAY_BE_DATA]
     others = [one.name for one in (*texts, *arrays) if one not in text_files]
     if not parquet_files and "codebase_version" in (info := MetaFolder(Path(path)).info):
@@ -72,7 +71,7 @@ def has_tables(path: StrPath) -> bool:
     """Whether a folder has Parquet files, or text tables but those of rpil: a .txt file may be any text."""
     files, texts = find_files(path)
     tables = (text.name for text in texts if text.name not in OWN_TABLES)
-    return bool(files) or not all(name.lower().endswith((".txt", ".txt.gz")) for name in tables)
+    return bool(files) or not all(name.lower().endswith(".txt") for name in tables)
 
 
 def find_files(path: StrPath) -> tuple[list[Path], list[Path]]:
@@ -82,14 +81,7 @@ def find_files(path: StrPath) -> tuple[list[Path], list[Path]]:
     """
     where = str(path)
     with guarded(where, "it cannot be listed", "check the path"):
-        place = os.path.abspath(where)
-        if not os.path.exists(place) and glob.has_magic(place):
-            found = _tables(glob.glob(place, recursive=True), place)
-            top = next(folder for folder in Path(place).parents if not glob.has_magic(str(folder)))
-            for one in itertools.chain(*found):
-                check_inside(one, top)
-            return found
-        check_exists(where)
+        place = os.path.abspath(check_exists(where))
         check_folder(place)
         for inner in (*Path(place).glob("*/meta/info.json"), *Path(place).glob("*/*/meta/info.json")):
             raise DataError(f"{path}: in it is a folder of LeRobot, which is read alone; give {inner.parents[1]}.")
