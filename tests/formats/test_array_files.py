@@ -122,15 +122,6 @@ def test_one_id_names_one_demonstration(folder):
     assert rpil.read(folder).lengths.tolist()[1] == 3
 
 
-@pytest.mark.parametrize("kept", [[0], [2], [1, 2]])
-def test_the_observation_after_the_last_action_is_kept_with_the_last_demonstration(tmp_path, kept):
-    ids, seen = np.array([0, 0, 1, 1, 2]), np.arange(6.0)[:, None]
-    np.savez(tmp_path / "a.npz", actions=np.ones((5, 1)), observations=seen, episode_ids=ids)
-    rpil.open(tmp_path / "a.npz").keep(kept, tmp_path / "b.npz")
-    with np.load(tmp_path / "b.npz") as found:
-        np.testing.assert_array_equal(found["observations"], seen[np.isin([*ids, 2], kept)])
-
-
 def test_what_lies_beside_counts_by_its_name_and_type(folder):
     for k in range(3):
         beside = {"instruction": "put", "task_id": 3, "note": "windy", "success": "yes"}

@@ -21,7 +21,9 @@ from samples import SAMPLES, assert_same, assert_same_on_disk
 BY_EXTENSION = {"HDF5", "NPZ", "a folder of tables"}
 """Formats that say too little to be the first: they claim what others claim before them."""
 
-LISTED = {*("NPZ, stacked", "folder of CSV", "folder of Parquet", "folder of NPZ", "d4rl", "aloha")}
+LISTED = {
+    *("JSON lines", "NPZ", "NPZ, stacked", "folder of CSV", "folder of Parquet", "folder of NPZ", "d4rl", "aloha")
+}
 LISTED |= {name for name in SAMPLES if name.startswith("Zarr")}
 """Samples of which `keep` writes the list of ids alone."""
 

@@ -35,14 +35,6 @@ def written(name, lines):
     return name
 
 
-def records(n=8, length=6):
-    return [
-        json.dumps({"episode_index": m, "observation": {"x": k / 7 + m}, "action": k % 2, "note": "é"})
-        for m in range(n)
-        for k in range(length)
-    ]
-
-
 def read(path):
     return rpil.open(path).description
 
@@ -104,21 +96,6 @@ def test_damaged_rows_are_skipped():
     rpil.open("a.csv", skip_bad=True).keep([0, 3], "kept.csv")
     kept = read("kept.csv")
     assert (kept.demonstrations, kept.steps) == (2, 10)
-
-
-def test_damaged_lines_of_json_are_named_and_skipped():
-    lines = records(50, 30)
-    lines[744], lines[1029] = "\0" * 200, lines[1029][:20]
-    path = written("a.jsonl", lines)
-    sentence = r"a\.jsonl, line 745: it holds no object of JSON, the first of 2 damaged lines; .* --skip-bad"
-    for command in (["info", path], ["check", path], ["convert", path, "-o", "a.csv"]):
-        refused(sentence, *command)
-    assert "Skipped, because damaged: lines 745, 1030 of a.jsonl." in ok("info", path, "--skip-bad").stdout
-    assert "lines 745, 1030 of a.jsonl" in ok("check", path, "--skip-bad").stderr
-    assert "lines 745, 1030 of a.jsonl" in ok("keep", path, "-o", "b.jsonl", "--skip-bad", "--share", "1").stderr
-    assert Path("b.jsonl").read_text().splitlines() == [line for k, line in enumerate(lines) if k not in (744, 1029)]
-    with pytest.warns(UserWarning, match=r"Skipped, because damaged: lines 745, 1030"):
-        assert len(rpil.read(path, skip_bad=True)) == 50
 
 
 def texts(folder):
@@ -197,15 +174,6 @@ def test_a_file_that_may_not_be_read_is_not_damaged(monkeypatch):
     refused(r"2\.parquet", "info", "runs", "--skip-bad")
 
 
-def step(m, k, rng):
-    """A line of a step: a time with a zone, integers of any size, an object, and keys that are missing in some."""
-    row = {"episode_index": m, "observation": {"x": rng.random(), "y": k}, "action": rng.randint(0, 1)}
-    row |= {"when": f"2024-01-01T00:00:{k:02d}Z", "big": 2**63 + k, "huge": 10**30, "list": [0, 1.0, None]}
-    for key in rng.sample(["when", "big", "huge", "list"], rng.randint(0, 3)):
-        del row[key]
-    return json.dumps(row, separators=rng.choice([(",", ":"), (", ", ": "), (" , ", " : ")]))
-
-
 def row(m, k, rng):
     note = rng.choice(["", "ok", '"a, b"', " 007 ", "1e400", str(10**30), "2024-01-01T00:00:00Z"])
     return f"{m},{rng.random()},{rng.randint(0, 1)},{note}"
@@ -218,7 +186,6 @@ def test_each_kept_record_is_one_of_the_source_in_its_order(seed):
     owners = sorted(range(n), key=lambda _: rng.random())
     head = ["episode_index,observation.x,action,note"]
     sources = {
-        "steps.jsonl": [(m, step(m, k, rng)) for m in owners for k in range(5)],
         "rows.csv": [(m, row(m, k, rng)) for m in owners for k in range(5)],
     }
     if seed % 3 == 0:

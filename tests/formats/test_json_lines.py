@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 
 import rpil
-from command_line import ok, refused
+from command_line import refused
 from rpil.data.errors import DataError
 from rpil.formats.json_lines import in_table
 
@@ -44,7 +44,7 @@ def test_each_file_of_a_folder_is_a_demonstration(tmp_path, monkeypatch):
     (tmp_path / "runs" / "more").mkdir()
     write(tmp_path / "runs" / "more" / "run_0.jsonl", rows)
     assert rpil.read("runs").ids == ("more/run_0", "run_0", "run_1", "run_10")
-    refused("keep writes no folder of JSON lines; write the list with -o ids.json, or a", "keep", "runs", "-o", "new")
+    refused("keep writes no JSON lines; write the list with -o ids.json, or a", "keep", "runs", "-o", "new")
 
 
 @pytest.mark.parametrize(
@@ -61,16 +61,6 @@ def test_records_of_a_car_are_lines_with_another_ending(tmp_path):
     found = rpil.read(write(tmp_path / "a.catalog", rows), action="user/angle")
     assert found.ids == ("s0", "s1")
     np.testing.assert_array_equal(found.actions.ravel(), np.concatenate(MOVES[:2]))
-
-
-@pytest.mark.parametrize("end", [b"\n", b"\r\n"])
-@pytest.mark.parametrize("blank", [b"", b"\n"])  # with blank lines a file is read line by line
-def test_a_return_within_an_object_ends_no_line(end, blank, tmp_path):
-    lines = [b'{"episode_index": %d,\r "x": %d, "action": 0.%d}' % (m, k, k) for m in range(4) for k in range(1, 6)]
-    (tmp_path / "a.jsonl").write_bytes(b"".join(line + end + blank for line in lines))
-    (tmp_path / "labels.csv").write_text("id,label\n0,bad\n")
-    ok("keep", tmp_path / "a.jsonl", "-o", tmp_path / "b.jsonl", "--verdicts", tmp_path / "labels.csv")
-    assert (tmp_path / "b.jsonl").read_bytes() == b"".join(line + end for line in lines[5:])
 
 
 @pytest.fixture

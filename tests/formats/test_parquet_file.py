@@ -1,6 +1,5 @@
 """Parquet files that lie or are damaged: one sentence, whatever pyarrow does with them."""
 
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq

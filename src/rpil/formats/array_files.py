@@ -22,7 +22,7 @@ from rpil.data.npy import Npz, open_npz, write_npz
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.containers import ZIP, is_zarr, keep_groups, open_hdf5, open_zarr
-from rpil.formats.format import Format, StepTables, kept_of
+from rpil.formats.format import Format, StepTables
 from rpil.formats.metadata import Metadata
 from rpil.formats.scan import commas, without_damaged
 from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts, read_once
@@ -33,7 +33,6 @@ _NPZ, _HDF5 = (".npz",), (".hdf5", ".h5")
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _FILE_NAME, _GROUP_NAME = "name of the file", "name of the group"
 _STATES = "There are no observations: the simulator's states are used; dataset_states_to_obs.py writes some."
-_OF_NUMBERS = ROLES["names"]
 
 _ATTRIBUTES = {
     "task": ("ep_meta/lang", "env_args/env_name", "env_info/env_name", "env_args/env_kwargs/env_name", "env"),
@@ -184,52 +183,24 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]
         "observations": demonstrations.observations,
         "actions": demonstrations.actions,
         "episode_ids": np.repeat(np.array(demonstrations.ids), demonstrations.lengths),
-        **dict.fromkeys(_OF_NUMBERS, np.array(demonstrations.observation_names)),
+        "observation_names": np.array(demonstrations.observation_names),
     }
     with replacing(path) as temporary:
         write_npz(temporary, {**truth, **arrays})
 
 
 def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
-    """Write the demonstrations called `ids`, with all that the file says of them.
-
-    In NPZ an array with one value for each step or demonstration is cut, any other is written whole. Where no array
-    marks the demonstrations that were cut short, timeouts tell those apart that are kept.
-    """
-    if _is_hdf5(path):
-        keep_groups(path, output, ids)
-        return
-    stored = open_npz(path)
-    arrays = stored.read(stored.names)
-    these = Arrays(arrays, path.name, options=options)
-    cut = these.cut()
-    there, n = list(dict.fromkeys(cut.ids.tolist())), len(cut.ids)
-    kept = kept_of(there, ids, path)
-    rows, whole = np.isin(cut.ids, kept), np.isin(there, kept)
-    masks = {n: rows, n + 1: np.append(rows, rows[-1])}  # one more comes after the last action
-    masks = masks if cut.by_marks else {len(there): whole, **masks}
-    own = {name: masks.get(len(array) if array.shape else -1) for name, array in arrays.items()}
-    kept_arrays = {
-        name: arrays[name][mask] for name, mask in own.items() if mask is not None and name not in _OF_NUMBERS
-    }
-    if cut.by_marks and not (these.names["starts"] or these.names["cuts"]):
-        is_last = np.append(cut.ids[1:] != cut.ids[:-1], True)
-        timeouts = is_last & ~these.flags(these.names["terminals"], is_last.shape)
-        kept_arrays[ROLES["cuts"][0]] = timeouts[rows]
-    with replacing(output) as temporary:
-        write_npz(temporary, {**arrays, **kept_arrays})
+    """Write the groups of HDF5 that are called `ids`, with all that the file says of them."""
+    keep_groups(path, output, ids)
 
 
 def unkept(path: Path, options: ColumnOptions) -> str:
     """Name of the data that `keep` writes no new file of, in words; empty where it writes one."""
     if path.is_dir() or is_zarr(path):
         return "Zarr" if is_zarr(path) else "file of arrays for each demonstration"
-    arrays = _open(path, options)
-    has_groups, is_hdf5 = bool(arrays.groups()[1]), _is_hdf5(path)
-    if is_hdf5 and has_groups and options.id:
-        return "groups by other ids than their names"
-    is_kept = has_groups if is_hdf5 else not has_groups and not arrays.is_stacked
-    return "" if is_kept else "arrays of this layout"
+    if not _is_hdf5(path) or not open_hdf5(path, options)[1].groups()[1]:
+        return "arrays of this layout"
+    return "groups by other ids than their names" if options.id else ""
 
 
 FORMAT = Format("arrays", claims, read, keep, unkept, suffixes=(*_NPZ, *_HDF5, ZIP), write=write)

@@ -160,9 +160,6 @@ class ClaimedPath:
         if asked := " ".join(f"{name} {seconds:g}" for name, seconds in times if seconds):
             first = f"first run rpil convert {self.path} {asked} -o ALL.parquet"
             raise DataError(f"{self.path}: keep cannot cut a file at times; {first}, then keep from that table.")
-        if options.id and self.format.has_own_ids:
-            remedy = "leave <option> out, or write a table with rpil convert"
-            raise DataError(f"{self.path}: it is given back by its own ids; {remedy}.", "id")
         new, path = Path(output), check_exists(self.path)
         if path.resolve() in (new.resolve(), *new.resolve().parents):
             raise DataError(f"{new}: it is the data themselves, or in them; give another path.")

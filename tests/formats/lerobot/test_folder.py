@@ -61,7 +61,7 @@ def test_episodes_that_are_not_there_are_not_kept(dataset, output, ids):
 
 
 def test_ids_of_a_column_are_not_taken_for_numbers_of_episodes(dataset):
-    with pytest.raises(DataError, match="it is given back by its own ids; leave id= out"):
+    with pytest.raises(DataError, match="keep writes no folder by other ids than its own; write the list"):
         find(dataset).keep(dataset.with_name("kept"), [1], formats.ColumnOptions(id="task_index"))
     assert not dataset.with_name("kept").exists()
 
