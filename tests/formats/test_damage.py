@@ -39,23 +39,14 @@ def read(path):
     return rpil.open(path).description
 
 
-def read_rest(path):
-    return rpil.open(path, skip_bad=True)
-
-
 def test_a_quotation_that_does_not_end_is_named_with_its_row():
     lines = table(20, 40)
     lines[300] = f'{lines[300][:-2]}"5 cm off'
     path = written("q.csv", lines)
     for command in (["info", path], ["check", path], ["convert", path, "-o", "q.parquet"], ["audit", path]):
-        refused(r"q\.csv, line 301: a quotation begins and does not end in .*; .* --skip-bad", *command)
+        refused(r"q\.csv, line 301: a quotation begins and does not end in .*; .* correct it, or", *command)
     with pytest.raises(DataError, match="line 301"):
         rpil.open(path, on_disk=True)
-    found = read_rest(path)
-    assert (found.description.demonstrations, found.description.steps) == (20, 799)
-    assert found.left_out == ("Skipped, because damaged: line 301 of q.csv.",)
-    ok("keep", path, "-o", "kept.csv", "--skip-bad", "--share", "1")
-    assert Path("kept.csv").read_text().splitlines() == [*lines[:300], *lines[301:]]
 
 
 @pytest.mark.parametrize(
@@ -73,7 +64,6 @@ def test_rows_that_a_quotation_joins_are_told(damage):
     lines = table()
     damage(lines)
     refused(r"q\.csv, line 10: a quotation", "info", written("q.csv", lines))
-    assert "line 10" in ok("info", "q.csv", "--skip-bad").stdout
 
 
 def test_names_of_columns_in_a_quotation_that_does_not_end_are_told():
@@ -82,20 +72,12 @@ def test_names_of_columns_in_a_quotation_that_does_not_end_are_told():
     refused(r"q\.csv, line 1: a quotation begins and does not end", "info", written("q.csv", lines))
 
 
-def test_damaged_rows_are_skipped():
+def test_damaged_rows_are_counted():
     lines = table()
     lines[5], lines[20], lines[40] = "0,0.5", "\0\0\0\0", "6,0.25,1,ok,5,6"
-    content = "\n".join(lines) + "\n"
-    Path("a.csv").write_text(content.replace("ok", "é"), encoding="utf-8")
-    with pytest.raises(DataError, match=r"line 6: 2 values for 4 columns in '0,0\.5', the first of 3 dama"):
-        read("a.csv")
     for on_disk in (False, True):
-        found = rpil.open("a.csv", skip_bad=True, on_disk=on_disk)
-        assert found.left_out == ("Skipped, because damaged: lines 6, 21, 41 of a.csv.",)
-        assert found.description.steps == 45
-    rpil.open("a.csv", skip_bad=True).keep([0, 3], "kept.csv")
-    kept = read("kept.csv")
-    assert (kept.demonstrations, kept.steps) == (2, 10)
+        with pytest.raises(DataError, match=r"line 6: 2 values for 4 columns in '0,0\.5', the first of 3 dama"):
+            rpil.open(written("a.csv", lines), on_disk=on_disk)
 
 
 def texts(folder):

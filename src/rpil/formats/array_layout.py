@@ -225,32 +225,21 @@ class Arrays:
     def steps(self, cut: Cut) -> tuple[Array, dict[str, StoredArray]]:
         """The id of each step, and the arrays of all steps end to end.
 
-        Of the arrays with one value for each demonstration (M,), those that the user names have this value at each
-        step; where arrays are stacked, all of them.
+        Where arrays are stacked, those with one value for each demonstration (M,) have this value at each step.
         """
-        options, is_step = self.options, cut.is_step
-        found = {m: one for m, one in self.arrays.items() if m not in _ASIDE}
+        is_step, arrays = cut.is_step, {m: one for m, one in self.arrays.items() if m not in _ASIDE}
+        if is_step is None:
+            return cut.ids, arrays
+        (n, longest), owners = is_step.shape, np.repeat(np.arange(len(is_step)), is_step.sum(axis=1))
 
         def taken(name: str, rows: Callable[[Array], Array], n_left: int) -> Closed:
-            shape = (len(ids), *self.arrays[name].shape[n_left:])
-            return read_once(shape, self.arrays[name].dtype, lambda: np.asarray(rows(self.values(name))))
+            shape = (len(owners), *arrays[name].shape[n_left:])
+            return read_once(shape, arrays[name].dtype, lambda: np.asarray(rows(self.values(name))))
 
-        outcomes = (name.removeprefix("-") for name in options.outcomes)
-        named = {options.operator, options.session, options.task, *outcomes}
-        each = [m for m, one in self.arrays.items() if len(one.shape) == 1 and m not in _ASIDE]
-        if is_step is None:
-            ids = cut.ids
-            each = [m for m in each if self.arrays[m].shape != ids.shape and m in named]
-            _, first, inverse = np.unique(ids if each else ids[:0], return_index=True, return_inverse=True)
-            n, owners = len(first), np.argsort(np.argsort(first))[inverse]
-        else:
-            n, longest = is_step.shape
-            owners = np.repeat(np.arange(n), is_step.sum(axis=1))
-            ids, shapes = cut.ids[owners], ((n, longest), (n, longest + 1))
-            own = [m for m, one in found.items() if one.shape[:2] in shapes]
-            found = {m: taken(m, lambda values: values[:, :longest][is_step], 2) for m in own}
-        whole = {m: taken(m, lambda values: values[owners], 1) for m in each if self.arrays[m].shape == (n,)}
-        return ids, {**found, **whole} if is_step is None else {**whole, **found}
+        whole = [m for m, one in arrays.items() if one.shape == (n,)]
+        own = [m for m, one in arrays.items() if one.shape[:2] in ((n, longest), (n, longest + 1))]
+        found: dict[str, StoredArray] = {m: taken(m, lambda values: values[owners], 1) for m in whole}
+        return cut.ids[owners], found | {m: taken(m, lambda values: values[:, :longest][is_step], 2) for m in own}
 
 
 def _actions(arrays: Tree, named: Sequence[str] = ()) -> tuple[str, ...]:

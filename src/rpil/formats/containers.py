@@ -124,7 +124,7 @@ class _FileArray:
         """As the file says."""
         return self._seen[1]
 
-    def __getitem__(self, rows: object) -> object:
+    def __getitem__(self, rows: slice) -> object:
         import h5py
 
         if (values := self._seen[2]) is not None:

@@ -7,12 +7,10 @@ import csv
 import itertools
 import os
 import re
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -29,7 +27,7 @@ from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.format import Format, StepTables, called, keep_one_file
 from rpil.formats.places import in_two_files
-from rpil.formats.scan import damaged_lines, parts_in_words, without_damaged
+from rpil.formats.scan import without_damaged
 from rpil.formats.steps import ArrowFile
 from rpil.formats.table import other_columns
 
@@ -59,7 +57,6 @@ class TextTable:
     separator: str
     decimal: str
     on_disk: bool  # whether its rows are copied to disk
-    skipped: Sequence[int] = ()  # damaged lines, counted from 1, that are not read
 
     @property
     def words(self) -> str:
@@ -67,22 +64,12 @@ class TextTable:
         found = [f"separated by {_SEPARATORS[self.separator]}"] if self.separator != "," else []
         return ", ".join(["CSV", *found, *(["decimal commas"] if self.decimal == "," else [])])
 
-    @contextmanager
-    def opened(self) -> Iterator[IO[bytes]]:
-        """The bytes of the lines that are not skipped."""
-        skipped = {*self.skipped}
-        with tempfile.TemporaryFile() if skipped else self.path.open("rb") as source:
-            if skipped:
-                source.writelines(line.encode() for number, line, *_ in text_rows(self) if number not in skipped)
-                source.seek(0)
-            yield source
-
     def check(self) -> None:
-        """A `DataError` that names the first damaged line, where there is one that is not skipped."""
-        rows = () if self.skipped else text_rows(self)
-        damaged = [f"line {number:,}: {fault}" for number, _, _, fault in rows if fault]
+        """A `DataError` that names the first damaged line, where there is one."""
+        damaged = [f"line {number:,}: {fault}" for number, _, _, fault in text_rows(self) if fault]
         if damaged:
-            raise damaged_lines(self.path.name, damaged)
+            more = f", the first of {len(damaged):,} damaged lines" if len(damaged) > 1 else ""
+            raise DamagedError(f"{self.path.name}, {damaged[0]}{more}; correct it, or write the file again.")
 
     def n_lines(self) -> int:
         """All lines of the file."""
@@ -141,10 +128,7 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
     cells = (cell.strip('"') for line in lines[start + 1 :] if separator != "," for cell in line.split(separator))
     signs = {found[1] for cell in cells if (found := _WRITTEN_NUMBER.fullmatch(cell))}
     decimal = "," if "," in signs and "." not in signs else "."
-    file = TextTable(path, tuple(names), start + 1, separator, decimal, options.on_disk)
-    if not options.skip_bad:
-        return file
-    return replace(file, skipped=[number for number, _, _, fault in text_rows(file) if fault])
+    return TextTable(path, tuple(names), start + 1, separator, decimal, options.on_disk)
 
 
 def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, default_id: str | None = None) -> StepTables:
@@ -153,7 +137,6 @@ def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, defau
     folder = os.path.commonpath([path.absolute().parent for path in paths])
     named = {path.absolute().relative_to(folder).as_posix(): path for path in paths}
     files, damaged = without_damaged(named, lambda name: find_dialect(named[name], options), options.skip_bad)
-    skipped = (parts_in_words(file.skipped, "line", [name]) for name, file in files.items() if file.skipped)
     (first_name, first), *_ = files.items()
     for name, file in files.items():
         if set(file.names) != set(first.names):
@@ -166,7 +149,7 @@ def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, defau
             raise in_two_files(without_suffix(name), other, name, source)
     words = first.words if default_id is None else f"{first.words}, {counted(len(files), 'file')}"
     tables, sizes = _rows_of(files, columns, source)
-    return StepTables(tables, columns, source, words, sizes, skipped=(*damaged, *skipped))
+    return StepTables(tables, columns, source, words, sizes, skipped=tuple(damaged))
 
 
 def without_suffix(name: str) -> str:
@@ -194,7 +177,7 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
         raise DataError(f"{file.path.name}: {said}.")
     check_names(file.names, file.path.name)
 
-    with _parsing(file), file.opened() as text:
+    with _parsing(file), file.path.open("rb") as text:
         content = text.read(_CHUNK)
         content = content[: content.find(b"\n", _HEAD_BYTES) + 1] or content  # whole lines
         options_of_head = _options(file, len(content) + 1)
@@ -269,7 +252,7 @@ def _tables(
     for name, file in files.items():
         names = [one for one in columns.all if one in file.names]
         options = _options(file, _BLOCK_BYTES, include_columns=names, strings_can_be_null=False, column_types=types)
-        with _parsing(file), file.opened() as text:
+        with _parsing(file), file.path.open("rb") as text:
             if file.on_disk:
                 batches = pa.csv.open_csv(text, *options)
                 found = (pa.Table.from_batches([batch]) for batch in batches)
@@ -279,7 +262,7 @@ def _tables(
                 sizes[name] += len(table)
                 yield _whole(table, name, file, columns)
             # Where the numbers of lines and rows differ, a quotation may have joined lines.
-            if not file.skipped and file.n_lines() != file.skip_rows + sizes[name]:
+            if file.n_lines() != file.skip_rows + sizes[name]:
                 file.check()
 
 
@@ -306,7 +289,6 @@ def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -
         for _, line, values, fault in text_rows(file):
             if fault:
                 file.check()
-                continue
             demonstration = from_cell(values[column].strip()) if values else ""
             found.add(demonstration)
             if not values or demonstration in ids:
