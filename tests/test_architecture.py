@@ -183,6 +183,7 @@ WITHOUT_TESTS = {
     "formats/csv.py": "tests/data/test_csv_variants.py",
     "formats/parquet.py": "as csv.py",
     "formats/table.py": "as csv.py",
+    "formats/step_arrays.py": "tests/formats/test_array_layout.py",
     "data/names.py": "as csv.py",
     "formats/columns.py": "as csv.py",
     "formats/lerobot/checked_folder.py": "tests/formats/lerobot/test_defects.py",
