@@ -102,26 +102,25 @@ def with_jumps(name, faulty, n=MANY):
     states = np.cumsum(rng.normal(0, 0.05, (n, 80, 2)), axis=1)
     actions = states @ [1.0, -0.5] + rng.normal(0, 0.02, (n, 80))
     states[sorted(faulty), 40:, 0] += 20
-    np.savez(
-        name, observations=states.reshape(-1, 2), actions=actions.reshape(-1, 1), episode_ids=np.repeat(range(n), 80)
-    )
+    steps = states.reshape(-1, 2), actions.reshape(-1, 1), np.repeat(range(n), 80)
+    rpil.write(name, rpil.Demonstrations.from_groups(*steps))
     return name
 
 
 def test_faults_that_are_named_are_rejected():
-    data, faulty = with_jumps("jumps.npz", {2, 7, 11}), {2, 7, 11}
+    data, faulty = with_jumps("jumps.parquet", {2, 7, 11}), {2, 7, 11}
     Path("labels.csv").write_text("id,label\n2,good\n3,bad\n4,good\n")
     found = json.loads(ok("check", data, "--format", "json").stdout)["findings"]
     assert {one["id"] for one in found if one["rule"] == "jump"} == faulty
     call_of = ["keep", data, "--verdicts", "labels.csv", "-q", "-o"]
-    printed = ok(*call_of, "k.npz", "--without-faults", "Jump", "--without-faults", "spike,frozen-sensor").stdout
+    printed = ok(*call_of, "k.parquet", "--without-faults", "Jump", "--without-faults", "spike,frozen-sensor").stdout
     assert "1 by your labels, 3 with a fault that was named." in printed
-    assert kept_in("k.npz") == {*range(MANY)} - faulty - {3}, "also those that the labels do not name"
+    assert kept_in("k.parquet") == {*range(MANY)} - faulty - {3}, "also those that the labels do not name"
     ok("audit", data, "--keep", "k.json", "--without-faults", "jump", "-q")
     assert json.loads(Path("k.json").read_text())["rejected"]["faults"] == sorted(faulty)
-    refused("there is no rule 'jumps'; perhaps it is 'jump'", *call_of, "n.npz", "--without-faults", "jumps")
+    refused("there is no rule 'jumps'; perhaps it is 'jump'", *call_of, "n.parquet", "--without-faults", "jumps")
     refused("the rules are", "audit", data, "--keep", "n.json", "--without-faults", "jump,all")
-    said = ok(*call_of, "k.npz", "--without-faults", "dropped frames,jump").stderr
+    said = ok(*call_of, "k.parquet", "--without-faults", "dropped frames,jump").stderr
     assert re.fullmatch(r"note: --without-faults: dropped frames was not checked, because [^\n]+\.\n", said)
 
 

@@ -51,7 +51,7 @@ def written(folder: Path, suffix: str) -> Path:
     if suffix == "npz":
         arrays = {"observations": STATES[:, :1], "actions": STATES[:, 1:], "episode_ids": OWNERS}
         others = {name: columns[name] for name in ("next.success", "reward", "half")}
-        np.savez(path, **arrays, **others, day=np.array(["mon", "tue", "mon"]))
+        np.savez(path, **arrays, **others, day=columns["day"])
     elif suffix == "parquet":
         pq.write_table(pa.table(columns), path, row_group_size=4)
     else:

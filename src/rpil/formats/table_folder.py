@@ -25,10 +25,7 @@ _MAY_BE_DATA = (".npz", ".npy", ".hdf5", ".h5", ".jsonl", ".ndjson", ".mat")
 _REFUSED = {
     (".mcap", ".bag", ".db3"): ("recording of ROS or MCAP", "choose one rate, and write a table or a LeRobot folder"),
     (".tfrecord",): ("data set of RLDS or TFDS", "convert it to LeRobot with openx2lerobot of any4lerobot"),
-    (".pkl", ".pickle"): (
-        "pickle",
-        "it can run any code: write a frame with df.to_parquet, trajectories with imitation",
-    ),
+    (".pkl", ".pickle"): ("pickle", "it can run any code: write a frame with df.to_parquet"),
     (".xlsx", ".xls", ".ods"): ("workbook", "export its table as CSV or Parquet"),
 }
 """Parts of the names of files that are not read, what they are, and what to do."""
@@ -46,7 +43,7 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
     parquet_files, texts = find_files(path)
     text_files = [] if parquet_files else [one for one in texts if one.name not in OWN_TABLES]
     text_files = [one for one in text_files if not one.name.lower().endswith(".txt")] or text_files
-    arrays = [one for one in sorted(Path(path).glob("*")) if one.suffix.lower() in _MAY_BE_DATA]
+    arrays = (one for one in sorted(Path(path).glob("*")) if one.suffix.lower() in _MAY_BE_DATA)
     others = [one.name for one in (*texts, *arrays) if one not in text_files]
     if not parquet_files and "codebase_version" in (info := MetaFolder(Path(path)).info):
         n = str(info.get("total_episodes", "?"))[:20]
@@ -58,13 +55,13 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
         refuse_others(path, os.listdir(path) if os.path.isdir(path) else ())
         but = f", and {others[0]} is no table of steps" if others else ""
         raise DataError(f"{path}: no .parquet or .csv file is there{but}; check the path.")
-    beside = dict.fromkeys(others, f"not read beside {'Parquet files' if parquet_files else 'text tables'}")
     source = Path(path).name or str(path)
-    if not parquet_files:
-        found = csv.read_files(text_files, options, source, csv.FILE)
-    else:
+    if parquet_files:
         found = parquet.read_files([*map(str, parquet_files)], options, source)
-    return replace(found, ignored=beside)
+    else:
+        found = csv.read_files(text_files, options, source, csv.FILE)
+    kind = "Parquet files" if parquet_files else "text tables"
+    return replace(found, ignored=dict.fromkeys(others, f"not read beside {kind}"))
 
 
 def has_tables(path: StrPath) -> bool:

@@ -104,20 +104,16 @@ class CheckedFolder(MetaFolder):
         fps, has_videos = frame_rate(self.info.get("fps")), bool(cameras(self.info, "video"))
         for m, own in zip(numbers.tolist(), of_each, strict=True):
             first = table["index"][int(own[0])].as_py() if "index" in columns else -1
-            timing, times, frames = (
-                (0.0, 0.0, 0.0),
-                None if all_times is None else all_times[own, 0],
-                np.arange(len(own)),
-            )
-            if fps is not None and times is not None:
+            timing, frames = (0.0, 0.0, 0.0), np.arange(len(own))
+            if fps is not None and all_times is not None:
+                times = all_times[own, 0]
                 if str(self.info.get("codebase_version")).startswith("v2"):  # which may begin within a video
                     frames = frames + np.rint(times[0] * fps)
                 gaps = times - frames / fps if has_videos else np.diff(times) - 1 / fps
                 off = float(np.abs(gaps).max(initial=0.0))
-                is_near = off <= NEAR_SECONDS
-                timing = (
-                    (float(times[0]), 0.0, 0.0) if is_near else (0.0, off, 1.0 / (usual_step(np.diff(times)) or np.inf))
-                )
+                timing = float(times[0]), 0.0, 0.0
+                if not off <= NEAR_SECONDS:
+                    timing = 0.0, off, 1.0 / (usual_step(np.diff(times)) or np.inf)
             found[m] = EpisodeRows(len(own), first, place, *timing)
         return found
 

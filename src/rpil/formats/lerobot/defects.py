@@ -42,19 +42,19 @@ def find_defects(path: Path, look: bool) -> list[Defect]:
 
 def _in_times(folder: CheckedFolder) -> Iterator[Defect]:
     """Episodes with times that LeRobot does not find in a video, or of other frames a second."""
-    wrong = {m: rows for m, rows in folder.data.items() if rows.off}
-    if wrong:
+    if wrong := {m: rows for m, rows in folder.data.items() if rows.off}:
         fps, off = float(folder.info["fps"]), np.max([rows.off for rows in wrong.values()])
-        recorded = np.median([rows.fps for rows in wrong.values()])
-        why = f"declared are {fps:.3g} frames a second, recorded {recorded:.3g}; timestamps are up to {off:.3g} s off"
-        why = why if recorded else "times do not rise"
-        why = "a timestamp is no number" if np.isnan(off) else why
-        loads = f"{why}; LeRobot loads these rows all the same, for they have no videos"
-        said = f"LeRobot cannot load these rows: {why}" if cameras(folder.info, "video") else loads
-        remedy = f"write frame_index / {fps:.6g} in their place"
+        why = "a timestamp is no number" if np.isnan(off) else "times do not rise"
+        if not np.isnan(off) and (recorded := np.median([rows.fps for rows in wrong.values()])):
+            why = (
+                f"declared are {fps:.3g} frames a second, recorded {recorded:.3g}; timestamps are up to {off:.3g} s off"
+            )
+        said = f"LeRobot cannot load these rows: {why}"
+        if not cameras(folder.info, "video"):
+            said = f"{why}; LeRobot loads these rows all the same, for they have no videos"
         is_all = len(wrong) == len(folder.data)
         place = f"all {len(wrong)} episodes" if is_all else parts_in_words(wrong, "episode", [])
-        yield Defect("timestamps", place, f"{said}; {remedy}")
+        yield Defect("timestamps", place, f"{said}; write frame_index / {fps:.6g} in their place")
 
 
 def _in_videos(folder: CheckedFolder, look: bool) -> Iterator[Defect]:
