@@ -58,7 +58,7 @@ _WRITERS = {".parquet": parquet.write_tables, ".csv": csv.write_tables}
 
 
 class ReadOptions(TypedDict, total=False):
-    """All of `ColumnOptions`."""
+    """All of `ColumnOptions` but the outcome."""
 
     id: str | None
     action: Names
@@ -73,9 +73,14 @@ class ReadOptions(TypedDict, total=False):
     operator: str | None
     task: str | None
     session: str | None
-    outcome: Names
     split_gap: float | None
     segment: float | None
+
+
+class OpenOptions(ReadOptions, total=False):
+    """All of `ColumnOptions`."""
+
+    outcome: Names
 
 
 def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions]) -> Demonstrations:
@@ -123,7 +128,7 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
     return demonstrations
 
 
-def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpack[ReadOptions]) -> Recording:
+def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpack[OpenOptions]) -> Recording:
     """Open a recording once, and ask everything of it.
 
     ``recording.describe()`` is ``rpil info``, ``rpil.check(recording)`` is ``rpil check``, ``recording.keep(ids,

@@ -262,19 +262,7 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
     # Columns of time are read for other things too than the order of the steps.
     others = (name for name in (*columns.orders, *columns.index) if name != columns.order)
     times, videos = dict.fromkeys(others, TIME_OF_STEP), dict.fromkeys(metadata.videos, "video")
-    notes, fps, options = list[str](), metadata.fps, columns.options
-    if options.split_gap:
-        notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
-    if options.segment:
-        notes.append(f"Each stretch of {options.segment:g} s is a demonstration.")
-    if 1 < len(steps.ids) == n_steps:
-        notes.append(f"Each demonstration has one step: is {columns.episode} the right column of the demonstration?")
-    if fps and recorded and abs(recorded - fps) > 0.01 * fps:
-        notes.append(f"{fps:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}.")
     ranges, constant, missing = found.summary()
-    if constant and len(steps.ids) < n_steps:
-        named = (f"observation {name}" if name.isdecimal() else name for name in constant)
-        notes.append(f"Constant in each demonstration: {commas(named)}; exclude what nobody could see.")
     return Description(
         source=origin.source,
         format=origin.format_name,
@@ -297,9 +285,28 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
         missing=missing,
         ranges=ranges,
         notes=(
-            *notes,
+            *_notes(steps, columns, metadata.fps, recorded, constant),
             *origin.notes,
             *(left_out_lines(origin.skipped) if origin.skipped else ()),
             *metadata.notes,
         ),
     )
+
+
+def _notes(
+    steps: Steps, columns: Columns, fps: float | None, recorded: float | None, constant: Sequence[str]
+) -> list[str]:
+    """Sentences on how steps were divided, on times that differ from those declared, and on `constant` columns."""
+    notes, options = list[str](), columns.options
+    if options.split_gap:
+        notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
+    if options.segment:
+        notes.append(f"Each stretch of {options.segment:g} s is a demonstration.")
+    if 1 < len(steps.ids) == len(steps):
+        notes.append(f"Each demonstration has one step: is {columns.episode} the right column of the demonstration?")
+    if fps and recorded and abs(recorded - fps) > 0.01 * fps:
+        notes.append(f"{fps:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}.")
+    if constant and len(steps.ids) < len(steps):
+        named = (f"observation {name}" if name.isdecimal() else name for name in constant)
+        notes.append(f"Constant in each demonstration: {commas(named)}; exclude what nobody could see.")
+    return notes
