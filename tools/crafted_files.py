@@ -35,7 +35,6 @@ from click.testing import CliRunner, Result
 import asked
 import lerobot_folders
 import rpil
-from rpil.cli import terminal
 from rpil.cli.main import main as command
 from rpil.cli.questions.material import EpisodeVideos
 from rpil.cli.questions.security import Gate
@@ -49,7 +48,6 @@ Found = str | None  # what differed
 
 def call(*words: str, **options: object) -> Result:
     """A command in this process, without lines about progress."""
-    terminal.FIRST = 1e3
     return CliRunner().invoke(command, words, **options)
 
 

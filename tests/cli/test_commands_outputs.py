@@ -65,7 +65,7 @@ def test_no_home_folder_is_in_what_is_passed_on(folder, tmp_path, monkeypatch):
     (work / "who.csv").write_text("id,demonstrator\n0,a\n1,a\n2,b\n")
     files = {"report": "r.html", "keep": "k.json", "verdicts": "v.parquet"}
     outputs = [word for name, path in files.items() for word in (f"--{name}", str(work / path))]
-    ok("audit", data, "--operator", work / "who.csv", *outputs, "-q", "--ignore", "answers")
+    ok("audit", data, "--operator", work / "who.csv", *outputs, "-q")
     for path in files.values():
         assert str(tmp_path).encode() not in Path(path).read_bytes(), path
     made = json.loads(Path("k.json").read_text())["provenance"]

@@ -11,8 +11,6 @@ import pyarrow.parquet as pq
 import rpil
 from asked import BAD, write
 from command_line import call, ok, refused
-from rpil.cli.options import CHOICE_RULES
-from rpil.results.choice import RULES_OF_VERDICTS
 
 FEW, MANY = 24, 12
 """Numbers of demonstrations of which the four bad ones are less and more than a fifth."""
@@ -37,9 +35,6 @@ def test_an_audit_lists_what_keep_keeps():
     assert listed["rejected"] == {"labels": [3, 8], "answers": [5, 9]}
     ok("keep", data, "-o", "k.parquet", *COLUMNS, *more, "-q")
     assert kept_in("k.parquet") == {*listed["episodes"]}
-    ok("keep", data, "-o", "k.parquet", *COLUMNS, *more, "--ignore", "labels", "--ignore", "answers, outcome", "-q")
-    assert kept_in("k.parquet") == {*range(FEW)}
-    assert ("labels", "outcome", *RULES_OF_VERDICTS.values()) == CHOICE_RULES
 
 
 SUCCESS = {"success": np.repeat([m not in {2, 3} for m in range(FEW)], 40).astype(int)}
@@ -48,7 +43,7 @@ SUCCESS = {"success": np.repeat([m not in {2, 3} for m in range(FEW)], 40).astyp
 def test_an_outcome_of_zero_rejects_at_once():
     data = write("d.parquet", FEW, **SUCCESS, who=np.repeat(["ann", "bob"], 480))
     words = [data, *COLUMNS, "--outcome", "success", "--operator", "who"]
-    printed = ok("keep", *words, "-o", "k.parquet", "--ignore", "answers", "-q").stdout.splitlines()
+    printed = ok("keep", *words, "-o", "k.parquet", "-q").stdout.splitlines()
     assert printed[1:] == ["Rejected: 2 by success = 0.", "  by success = 0: 2 and 3"]
     assert kept_in("k.parquet") == {*range(FEW)} - {2, 3}
     shown = ok("audit", *words, "--verdicts", "v.csv", "--report", "r.html", "-q").stdout

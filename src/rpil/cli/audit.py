@@ -13,8 +13,6 @@ import click
 
 from rpil.cli import commands, terminal
 from rpil.cli.options import (
-    CHOICE_NAMES,
-    CHOICE_OPTIONS,
     JUDGE_OPTIONS,
     LABELS_FILE,
     SEGMENT_OPTIONS,
@@ -22,6 +20,7 @@ from rpil.cli.options import (
     RunOptions,
     Value,
     command_words,
+    faults_option,
     format_option,
     verdict_limit,
     with_options,
@@ -65,7 +64,7 @@ if TYPE_CHECKING:
 )
 @click.option("--all", "all_rows", is_flag=True, help="Print a row for each demonstration, with its whole reason.")
 @format_option
-@with_options(*SEGMENT_OPTIONS, *CHOICE_OPTIONS, *JUDGE_OPTIONS)
+@with_options(*SEGMENT_OPTIONS, faults_option, *JUDGE_OPTIONS)
 @click.pass_context
 def audit(
     ctx: click.Context,
@@ -82,8 +81,8 @@ def audit(
     """
     outputs = {title: options.pop(title) for title in commands.OUTPUTS}
     lists = outputs["keep"] is not None or outputs["ranges"] is not None
-    if not lists and any(options[name] for name in CHOICE_NAMES):
-        raise click.UsageError("--ignore and --without-faults say what --keep lists: give --keep OUT.json")
+    if not lists and options["without_faults"]:
+        raise click.UsageError("--without-faults says what --keep lists: give --keep OUT.json")
     idle, pattern = options.pop("idle"), options.pop("ranges_id") or "{id}"
     if outputs["ranges"] is None and (idle, pattern) != ("keep", "{id}"):
         raise click.UsageError("--idle and --ranges-id say what --ranges writes: give --ranges OUT.json")

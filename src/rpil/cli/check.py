@@ -87,7 +87,7 @@ def check(
     else:
         from rpil.cli import exchange
 
-        found = exchange.of_faults(report.lines, None if isinstance(read, str) else read)
+        found = exchange.of_faults(report.lines)
         click.echo(exchange.written(form, found, file, "rpil check", report.headline))
     return int(bool(fatal & set(report.counts)))
 

@@ -59,8 +59,6 @@ class Commands(click.Group):
         except click.UsageError as error:
             command = error.ctx.command_path if error.ctx else "rpil"
             message = error.format_message().rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
-            if isinstance(error, click.NoSuchOption) and error.option_name == "--video":
-                message = "No such option '--video': --without-faults frozen-picture of rpil keep looks by itself"
             _exit_with_error(f"{message}; see {command} --help.")
         except DataError as error:
             _exit_with_error(error.in_shell)
@@ -301,7 +299,7 @@ def choice_asked(
     for rule in filter(unknown.__contains__, options.without_faults):
         click.echo(f"note: --without-faults: {rule} was not checked, because {unknown[rule]}.", err=True)
     faulty = {str(fault.id) for fault in faults if fault.rule in options.without_faults}
-    return Asked(share, at_least, {*options.ignore}, faulty)
+    return Asked(share, at_least, faulty)
 
 
 def look_lines(audit: Audit, choice: Choice, report: FaultReport | None = None) -> Iterator[str]:

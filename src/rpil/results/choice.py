@@ -59,8 +59,6 @@ class Asked:
     """Keep this share of the demonstrations, in (0, 1]; those with the largest log-odds."""
     at_least: float | None = None
     """Keep those whose probability is this or more."""
-    ignored: Set[str] = frozenset()
-    """Rules that reject nobody: labels, outcome, or some of `RULES_OF_VERDICTS`."""
     faulty: Set[str] = frozenset()
     """Ids, as text, of the demonstrations with a fault that was named."""
     spared: Set[str] = frozenset()
@@ -123,11 +121,11 @@ def choose(table: Table, asked: Asked = Asked()) -> Choice:
     rules = [_rule_of(str(name), label, rule, below, asked) for name, label, rule, below in known]
     of_rule = {rule: tuple(compress(ids, map(rule.__eq__, rules))) for rule in ("", *KEEP_RULES)}
     rejected = {rule: of_rule[rule] for rule in KEEP_RULES if of_rule[rule]}
-    failure, notes, acts = Choice.failure, list[str](), not asked.by_number and "answers" not in asked.ignored
+    failure, notes = Choice.failure, list[str]()
     for name, label, how, rule in zip(ids, labels, map(str, said), rules, strict=True):
         if rule == "outcome":
             failure = how or failure
-        elif acts and how.startswith(WORSE) and not (rule or label or str(name) in asked.spared):
+        elif not asked.by_number and how.startswith(WORSE) and not (rule or label or str(name) in asked.spared):
             notes.append(f"{printable(name)} is kept though you called it {printable(how)}: one answer more decides.")
     by_outcomes = "label" in table and not any(labels) and not any(str(how).startswith(WORSE) for how in said)
     told = "the outcomes" if by_outcomes else Choice.told
@@ -141,7 +139,7 @@ def _rule_of(name: str, label: object, rule: str, below: bool, asked: Asked) -> 
         return ""
     found = {"labels": label == "bad", "outcome": rule == "outcome" and label != "good", "faults": name in asked.faulty}
     inferred = ("threshold", below) if asked.by_number else (rule, not label)
-    return next((one for one, holds in (*found.items(), inferred) if holds and one not in asked.ignored), "")
+    return next((one for one, holds in (*found.items(), inferred) if holds), "")
 
 
 def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
