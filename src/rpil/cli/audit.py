@@ -27,7 +27,7 @@ from rpil.cli.options import (
 )
 from rpil.cli.terminal import THEN_RUN, fit, line_width, print_lines, show_stages, table_lines
 from rpil.data.text import MAX_LISTED_NAMES, listed, printable
-from rpil.results.vocabulary import PLURALS, SIDES, in_numbers, short_id
+from rpil.results.vocabulary import PLURALS, SIDES, short_id
 
 if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
@@ -148,7 +148,7 @@ def print_audit(
 ) -> None:
     """Print what to look at first, the lines of the `head`, the finding, recording `faults`, the table of those to look
     at, notes, and the lines of the `closing`."""
-    from rpil.results.overview import first_sentence, look_first
+    from rpil.results.overview import first_sentence, look_first, verdict_sentence
 
     width, odd = line_width(), [] if faults is None else odd_lines(faults)
     faulty = () if faults is None else faults.odd
@@ -182,10 +182,11 @@ def finding_lines(audit: Audit) -> list[str]:
     return [line for sentence in sentences for line in fit(sentence, line_width(), 2)]
 
 
-def verdict_sentence(audit: Audit) -> str:
-    """How many demonstrations have which verdict."""
-    size = f"{len(audit.ids):,} demonstrations ({audit.offsets[-1]:,} steps)"
-    return f"{size}: {in_numbers(audit.verdict_counts())}."
+def print_finding(audit: Audit) -> None:
+    """Print the finding, the doubts, and how many demonstrations have which verdict."""
+    from rpil.results.overview import verdict_sentence
+
+    print_lines([*finding_lines(audit), verdict_sentence(audit)])
 
 
 def odd_lines(report: FaultReport) -> list[str]:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rpil.cli import commands, terminal
-from rpil.cli.audit import finding_lines, verdict_sentence
+from rpil.cli.audit import print_finding
 from rpil.cli.options import LABEL_OPTIONS, LABELS_FILE, RunOptions, Value, command_words, with_options
 from rpil.cli.terminal import show_stages
 from rpil.data.errors import DataError
@@ -58,7 +58,7 @@ def begin(file: str, options: dict[str, Value], most: int | None) -> tuple[comma
     if not run.audit.columns.size:
         raise DataError(f"{file}: this audit keeps nothing to learn from answers; leave out --adversary.")
     commands.tell_of_set_aside(run.recording)
-    terminal.print_lines([*finding_lines(run.audit), verdict_sentence(run.audit)])
+    print_finding(run.audit)
     from rpil.cli.questions.session import Session
 
     return run, Session(run.audit, path, before, most)

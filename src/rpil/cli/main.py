@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rpil.cli import commands, terminal
-from rpil.cli.audit import audit, closing_lines, finding_lines, verdict_sentence
+from rpil.cli.audit import audit, closing_lines, print_finding
 from rpil.cli.check import check, print_set
 from rpil.cli.label import label, review
 from rpil.cli.options import (
@@ -108,7 +108,7 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
         model.fit(recording, labels=run.labels)
         save(model, output)
     commands.tell_of_set_aside(recording)
-    print_lines([*finding_lines(model.audit_), verdict_sentence(model.audit_)])
+    print_finding(model.audit_)
     print_lines(closing_lines(ctx, model.audit_))
     click.echo(f"Policy: {output}")
 

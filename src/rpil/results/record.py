@@ -16,7 +16,7 @@ from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.results.answering import looking_order
 from rpil.results.judged import Demonstrator, Interval
-from rpil.results.overview import overview_html, overview_text
+from rpil.results.overview import overview_text
 from rpil.results.result import AuditResult
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ __all__ = ["Audit", "Demonstrator", "Interval"]
 class Audit(AuditResult):
     """The result about the demonstrations: M of them, with N steps in all.
 
-    In a notebook it shows itself in a few lines; `to_frame` has a row for each demonstration, and `plot` the pictures.
+    It prints itself in a few lines; `to_frame` has a row for each demonstration, and `plot` the pictures.
 
     Attributes
     ----------
@@ -213,6 +213,3 @@ class Audit(AuditResult):
 
     def __repr__(self) -> str:
         return overview_text(self)
-
-    def _repr_html_(self) -> str:
-        return overview_html(self)

@@ -33,7 +33,6 @@ from rpil.results.record import Audit
 from rpil.results.result import MAX_LOG_ODDS
 from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import weights_of
-from rpil.results.vocabulary import VOCABULARIES
 
 if TYPE_CHECKING:
     from rpil.mixture.em import MixtureFit
@@ -125,7 +124,7 @@ def audit_from_mixture(
     # A label is as good as certain.
     labelled = data.labels * np.maximum(np.abs(from_actions), settings.min_label_log_odds)
     log_odds = np.where(data.labels == 0, from_actions, labelled)
-    proba = expit(log_odds)
+    proba, least = expit(log_odds), settings.min_verdict_proba
     audit = Audit(
         ids=tuple(ids),
         offsets=np.asarray(data.offsets, dtype=np.int64),
@@ -137,7 +136,7 @@ def audit_from_mixture(
         from_label=log_odds - from_actions,
         expert_proba=proba,
         reliability=proba,
-        verdicts=tuple(VOCABULARIES["named adversary"].verdict(p, settings.min_verdict_proba) for p in proba),
+        verdicts=verdicts_of((proba >= least).astype(int) - (proba <= 1 - least), "named adversary"),
         step_log_ratio=posterior.log_ratio,
         step_weight=data.per_step(proba),
         prior=expert_share,
