@@ -96,8 +96,10 @@ EQUIVALENT = {
     'reasons: found.append(words[above > 0.5] + steps * (name == "length")): above > 0.5 -> above >= 0.5': (
         "What hardly differs is not said."
     ),
-    'reasons: sign = 1 if SIDES[verdict] == "upper" else -1: 1 -> 2': "Both sides of a comparison are multiplied by it.",
-    "reasons: parts += [RANKS[name][2 + (above > 0)]] if abs(above) >= MIN_STYLE else []: above > 0 -> above >= 0": (
+    'reasons: sign = 1 if SIDES[verdict] == "upper" else -1: 1 -> 2': (
+        "Both sides of a comparison are multiplied by it."
+    ),
+    "reasons: parts += [RANKS[name][2:][above > 0]] if abs(above) >= MIN_STYLE else []: above > 0 -> above >= 0": (
         "Nearer to 0 than the limit it has no style."
     ),
     'tasks: verdicts[m] = "good" if signs[m] > 0 else "bad": signs[m] > 0 -> signs[m] >= 0': "None of these is 0.",

@@ -98,7 +98,7 @@ def audit(
         recording, faults = run.recording, commands.look_for_faults(run.recording, progress, rules=given.without_faults)
         run = replace(run, faults=faults, asked=commands.choice_asked(given, faults) if lists else None)
         run = replace(run, idle=idle, pattern=pattern)
-        commands.write_outputs(outputs, run, progress)
+        said = commands.write_outputs(outputs, run, progress)
     result = run.audit
     if form == "json":
         of_data = {"run": result.run_id, "input": recording.description.to_dict()}
@@ -114,11 +114,10 @@ def audit(
         within = fit(result.assumptions[0], line_width(), 2) if result.within else ()
         head = recording.description.short() if all_rows else head_lines(recording.description)
         print_audit(result, [*head, *within, ""], faults, closing_lines(ctx, result), all_rows)
-    for title, path in outputs.items():
-        if path is not None:
-            click.echo(f"{title.capitalize()}: {path}", err=form != "text")
-            if form == "text" and not given.quiet:
-                print_lines(commands.lines_after_output(title, path, run))
+    for title, lines in said.items():
+        click.echo(f"{title.capitalize()}: {outputs[title]}", err=form != "text")
+        if form == "text" and not given.quiet:
+            print_lines(lines)
     return commands.tell_if_too_many(result, fail_on)
 
 
@@ -136,6 +135,7 @@ MAX_LINES, MIN_ROWS, MAX_ROWS = 25, 2, 8
 N_NAMED, N_FOUND = 3, 12
 """Operators that are named, and demonstrations to label next; those that the finding names, and members of a group."""
 
+ANSWER = "Answer in {} (id,label; docs/command-line.md), or let rpil label ask."
 SIDE_COLOURS = {"upper": "green", "open": "yellow", "lower": "red"}
 
 
@@ -234,8 +234,6 @@ def _notes(audit: Audit, all_rows: bool, width: int) -> Iterator[str]:
     if shares:
         names = listed(shares, len(shares) if all_rows else N_NAMED, ", ")
         sentences.append(f"{PLURALS.get(lower, lower).capitalize()} by operator: {names}.")
-    if counts:
-        sentences.append("To judge within each operator: --session operator, their column.")
     sentences += [f"Group {letter}, {len(ids):,}: {listed(ids, N_FOUND, ', ')}" for letter, ids in audit.groups.items()]
     for sentence in [*sentences, *audit.notes]:
         yield from fit(sentence, width, None if all_rows else 1)
@@ -244,13 +242,10 @@ def _notes(audit: Audit, all_rows: bool, width: int) -> Iterator[str]:
 def next_steps(audit: Audit, labels_file: str, command: Sequence[str]) -> list[str]:
     """The next step: the question whose answer says most, or the demonstrations to label, and the command to run
     then, which is `command` with ``--labels``."""
-    from rpil.results.answering import NEXT_STEPS
-
-    to_label, sentences = audit.suggest_labels(N_NAMED), [audit.question or f"Next: {NEXT_STEPS[audit.finding]}"]
-    if not audit.question and (audit.finding == "nothing could be learned" or not to_label):
-        return fit(sentences[0], line_width())
-    if not audit.question:
-        sentences.append(f"Best to label first: {listed(to_label, N_NAMED, ', ')}.")
-    sentences.append(f"Answer in {labels_file} (id,label; docs/command-line.md), or let rpil label ask.")
+    if not audit.question and audit.finding == "nothing could be learned":
+        return ["Check that the observations contain what the actions depend on."]
+    if not (to_label := audit.suggest_labels(N_NAMED)):
+        return []
+    sentences = audit.question or f"Best to label first: {listed(to_label, N_NAMED, ', ')}.", ANSWER.format(labels_file)
     lines = [line for sentence in sentences for line in fit(sentence, line_width(), 2)]
     return [*lines, f"{THEN_RUN}{shlex.join([*command, '--labels', labels_file])}"]

@@ -30,19 +30,6 @@ Id = TypeVar("Id", bound=Hashable)
 NOT_USED = "Lengths and rewards were not used."
 """The assumption without answers."""
 
-NEXT_STEPS = {
-    "outliers": "Look at the outliers; they are different, and not necessarily worse.",
-    "answered": "Look at some that are bad or open, and label those that you can judge.",
-    "mixture": "Look at some adversaries, and label a demonstration whose verdict is wrong.",
-    "a group apart": "Look at one of them and at one of the rest, and say which is better.",
-    "two groups": "Look at one demonstration of each group, and say which is better.",
-    "no outliers": "Look at the lowest ranked demonstrations, and label those that you can judge.",
-    "nothing could be learned": "Check that the observations contain what the actions depend on, or give more "
-    "demonstrations.",
-}
-"""Next steps, by finding."""
-
-
 MIN_FIRST = 5
 """Demonstrations to look at first, at least."""
 

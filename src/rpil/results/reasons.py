@@ -201,21 +201,12 @@ def known_facts(
     return found
 
 
-def in_words(facts: Mapping[str, Sequence[Fact]], m: int) -> str:
-    """The facts about demonstration `m` in one line, or nothing."""
-    parts = [f"{name} {facts[name][m]:.2f}" for name in RANKS if name in facts]
-    parts += ["time limit reached"] if TIME_LIMIT in facts and facts[TIME_LIMIT][m] else []
-    parts += [f"session {printable(facts['session'][m])}"] if "session" in facts else []
-    parts += [f"number {facts['order'][m]:,} of {len(facts['order']):,} in order"] if "order" in facts else []
-    return ", ".join(parts)
-
-
 def style_in_words(facts: Mapping[str, Sequence[Fact]], lengths: Int[Array, " M"], own: Sequence[int]) -> str:
     """How the demonstrations `own` differ from all of these `lengths`: in their median length, and in other `RANKS`."""
     parts = [f"{np.median(lengths[list(own)]) / np.median(lengths):.2f} of the median length"]
     for name in (name for name in RANKS if name in facts and name != "length"):
         above = float(np.median([facts[name][m] for m in own])) - 0.5
-        parts += [RANKS[name][2 + (above > 0)]] if abs(above) >= MIN_STYLE else []
+        parts += [RANKS[name][2:][above > 0]] if abs(above) >= MIN_STYLE else []
     return ", ".join(parts)
 
 

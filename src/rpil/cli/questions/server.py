@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.resources import files
@@ -15,7 +15,7 @@ from markupsafe import Markup
 
 from rpil.cli.questions.material import EpisodeVideos, Recorded
 from rpil.cli.questions.security import Application, Gate, guarded_by
-from rpil.cli.questions.session import Session, choices, count_line, opinion_line, question_sentence, warning_lines
+from rpil.cli.questions.session import Session, choices, question_sentence
 from rpil.data.arrays import check_text
 from rpil.data.errors import DataError, MissingExtraError, optional
 from rpil.data.json_files import Parsed
@@ -90,21 +90,12 @@ class Review:
         return {
             "version": session.version,
             "asked": asked,
-            "lines": list(self._lines()),
+            "lines": session.lines,
             "changed": [m for m, old in enumerate(session.old.verdicts) if audit.verdicts[m] != old],
             "n_answers": len(session.rows),
             "can_undo": bool(session.given),
             "path": session.path,
         }
-
-    def _lines(self) -> Iterator[str]:
-        """The audit's opinion of one or two that were answered, and what the answer changed."""
-        session = self.session
-        if 0 < len(told := tuple(name for name in session.answered if name not in session.question)) < 3:
-            yield opinion_line(session.old, told)
-        if session.lines:
-            yield count_line(session.audit)
-            yield from warning_lines(session.old, session.audit)
 
     def answer(self, given: Mapping[str, Parsed]) -> View:
         """Answer as a page says it: the numbers of the demonstrations, a key, and perhaps a note."""

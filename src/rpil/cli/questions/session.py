@@ -19,7 +19,6 @@ from rpil.data.id_values import (
 )
 from rpil.data.text import MAX_IDS, counted, listed, printable
 from rpil.results.answering import where_to_look
-from rpil.results.reasons import in_words
 from rpil.results.vocabulary import in_numbers
 
 if TYPE_CHECKING:
@@ -82,13 +81,13 @@ class Session:
 
     `audit` has all answers, and `lines` say what the last one did. `version` counts the changes, so that two who answer
     can tell whether they saw the same. `said` are the answers in the file about demonstrations of the audit. `old` is
-    the audit before the last change; the last answer was about `answered`.
+    the audit before the last change.
     """
 
     def __init__(self, start: Audit, path: str, before: bytes | None, most: int | None) -> None:
         self.start, self.path, self.before, self.audit = start, path, before, start
         self.version, self.lines = 0, list[str]()
-        self.old, self.answered = start, Question()
+        self.old = start
         self.given: tuple[Reply, ...] = ()
         self.rows: tuple[AnswerRow, ...] = ()
         self.question = next_question(start, start, (), most)
@@ -110,13 +109,10 @@ class Session:
         A `DataError` where the answer contradicts another so that both cannot be written, or the file cannot be
         written; nothing has changed then.
         """
-        lines = self._go_to((*self.given, (question, key, note, *rows)))
-        self.answered = () if key in "us" or rows else question
-        return lines
+        return self._go_to((*self.given, (question, key, note, *rows)))
 
     def undo(self) -> list[str]:
         """Take the last answer of this run back, where there is one; sentences on what that changed."""
-        self.answered = ()
         return self._go_to(self.given[:-1]) if self.given else []
 
     def _go_to(self, given: tuple[Reply, ...]) -> list[str]:
@@ -158,39 +154,15 @@ def question_sentence(audit: Audit, question: Question) -> str:
     return f"Which is better: {where}?" if len(question) == 2 else f"Is it good or bad: {where}?"
 
 
-def fact_lines(audit: Audit, question: Question) -> Iterator[str]:
-    """The facts about the demonstrations of a question."""
-    for name in question:
-        m = audit.index(name)
-        facts = in_words(audit.facts, m)
-        yield f"{printable(name)}: {audit.lengths[m]:,} steps{'; ranks: ' * bool(facts)}{facts}"
-
-
 def change_lines(old: Audit, new: Audit) -> Iterator[str]:
     """Changes by an answer: the number of each verdict, and which demonstrations have another."""
-    yield count_line(new)
+    yield f"Now: {in_numbers(new.verdict_counts())}."
     moved: dict[str, list[Hashable]] = {}
     for name, before, word in zip(new.ids, old.verdicts, new.verdicts, strict=True):
         if before != word:
             moved.setdefault(word, []).append(name)
     lists = "; ".join(f"{word}: {listed(ids, MAX_IDS)}" for word, ids in moved.items())
     yield f"Now called {lists}." if moved else "No verdict changed."
-    yield from warning_lines(old, new)
-
-
-def count_line(audit: Audit) -> str:
-    """The number of each verdict."""
-    return f"Now: {in_numbers(audit.verdict_counts())}."
-
-
-def opinion_line(old: Audit, answered: Question) -> str:
-    """The audit's opinion of demonstrations before they were answered, which it did not say then."""
-    said = (f"{printable(old.ids[m])} {old.verdicts[m]}, place {old.ranks[m]:,}" for m in map(old.index, answered))
-    return f"Before your answer the audit had: {'; '.join(said)} of {len(old.ids):,}."
-
-
-def warning_lines(old: Audit, new: Audit) -> Iterator[str]:
-    """Contradictions of the answers after the last one."""
     yield from (doubt for doubt in new.doubts if new.anchor == "answers")
     yield from contradiction_lines(old.contradicting, new)
 

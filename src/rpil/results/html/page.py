@@ -21,7 +21,7 @@ from rpil.faults.report import RULES, FaultReport
 from rpil.faults.set_table import SetTable
 from rpil.inference.findings import DECIDED
 from rpil.numerics.types import Array, Int
-from rpil.results.answering import NEXT_STEPS, looking_order, stretch_of
+from rpil.results.answering import looking_order, stretch_of
 from rpil.results.choice import choose
 from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
 from rpil.results.overview import headline
@@ -313,11 +313,11 @@ def render_page(audit: AuditResult, about: About, sections: Sections = (), live:
     """
     template = html_environment("rpil.results", "html").get_template("page.html")
     view, top, script = live or (make_view(audit, about), Markup(""), Markup(""))
-    sentence, next_step = headline(audit, 0 if live else MAX_IDS), NEXT_STEPS[audit.finding]
+    sentence = headline(audit, 0 if live else MAX_IDS)
     decided = audit.finding in DECIDED or {*audit.verdicts} != {"open"}
     given = {"audit": audit, "about": about, "view": view, "sections": sections, "top": top, "live": script}
     differ = [note for note in audit.notes if TWO_GROUPS in note]
-    return template.render(**given, sentence=sentence, next_step=next_step, decided=decided, differ=differ)
+    return template.render(**given, sentence=sentence, decided=decided, differ=differ)
 
 
 def write_page(path: str | os.PathLike[str], audit: AuditResult, about: About, sections: Sections = ()) -> None:
