@@ -61,16 +61,6 @@ def test_verdicts_from_a_sample_are_those_from_all_demonstrations(maker, kind, n
     assert roc_auc_score(toy.is_good, model.log_odds_) > 0.99
     assert len(model.audit_.reasons) == len(data)
     assert model.audit_.deviations == ()  # actions are compared in memory only
-    assert len({*data.ids} - model.audit_.traces.keys()) <= 1  # the median one of an odd number has no evidence
-    for name, own in model.audit_.traces.items():  # by the policy of the sample, as by that of all
-        beside = other.audit_.traces.get(name)  # the median one of the rest has no part with evidence of its own
-        same = {part.name: part for part in beside.parts} if beside else {}
-        assert own.parts[0].name in same or abs(own.parts[0].nats) < 20
-        for part in (part for part in own.parts if part.name in same):
-            limit = 0.2 if maker is make else 1e-6
-            np.testing.assert_allclose(part.value, same[part.name].value, atol=limit)
-            spread = np.median(part.high - part.low)
-            np.testing.assert_allclose(part.low, same[part.name].low, atol=0.3 * spread)
     if maker is make:
         assert np.abs(model.predict_proba(data.observations) - other.predict_proba(data.observations)).max() < 0.1
     else:

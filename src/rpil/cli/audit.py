@@ -94,7 +94,7 @@ def audit(
             from rpil.formats.registry import find
 
             find(file).check_annotate(outputs["annotate"])
-        run = commands.judge(file, given, progress, traces=outputs["report"] is not None)
+        run = commands.judge(file, given, progress)
         recording, faults = run.recording, commands.look_for_faults(run.recording, progress, rules=given.without_faults)
         run = replace(run, faults=faults, asked=commands.choice_asked(given, faults) if lists else None)
         run = replace(run, idle=idle, pattern=pattern)

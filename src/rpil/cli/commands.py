@@ -161,9 +161,9 @@ class AuditRun:
         return lost_places(self.recording.demonstrations, self.choice.kept)
 
 
-def judge(file: str, given: RunOptions, progress: StageProgress, traces: bool = True) -> AuditRun:
+def judge(file: str, given: RunOptions, progress: StageProgress) -> AuditRun:
     """Judge the demonstrations in `file` within their tasks and sessions, beside those of the --reference, which is
-    read by the same columns; then the data are read into memory. Without `traces` no page can draw them."""
+    read by the same columns; then the data are read into memory."""
     columns, reference = given.columns, given.reference
     recording, beside = open_recording(file, columns, progress, None if reference is None else False), None
     if columns.only and reference is None and len(recording.demonstrations) == 1:
@@ -181,7 +181,7 @@ def judge(file: str, given: RunOptions, progress: StageProgress, traces: bool = 
     stated, ctx = Statements.of(recording, given.labels, None, reference=beside), click.get_current_context()
     features = JUDGE_FEATURES if given.features == "auto" else given.features  # no policy is kept
     command = shlex.join(command_words(ctx, str(ctx.info_name), without=("quiet",)))
-    chosen = FitOptions(features, given.adversary, given.seed, ctx.obj or Settings(), progress, traces=traces)
+    chosen = FitOptions(features, given.adversary, given.seed, ctx.obj or Settings(), progress)
     audit = audit_recording(recording, stated, chosen, file, command, (given.labels, reference, *columns.files))
     return AuditRun(audit, file, recording, {name: str(who) for name, who in stated.demonstrators.items()})
 

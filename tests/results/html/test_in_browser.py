@@ -18,7 +18,6 @@ from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.results.answering import looking_order
 from rpil.results.html.page import About, write_page
-from rpil.results.judged import TracedPart, Traces
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit, Demonstrator
 from rpil.segments.kinds import Segments
@@ -171,9 +170,7 @@ def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp
     from rpil import formats
 
     given = dict.fromkeys(("ids", "sessions", "own_reasons", "notes", "doubts", "assumptions"), HOSTILE)
-    value, who = np.arange(80.0), (Demonstrator(HOSTILE[0], None, HOSTILE),)
-    traces = {name: Traces((TracedPart(name, 0.6, -9.0, value, value, value),)) for name in HOSTILE}
-    given |= {"order": np.arange(float(len(HOSTILE))), "demonstrators": who, "traces": traces}
+    given |= {"order": np.arange(float(len(HOSTILE))), "demonstrators": (Demonstrator(HOSTILE[0], None, HOSTILE),)}
     audit = make_audit(("outlier",) * len(HOSTILE), lengths=[80] * len(HOSTILE), **given)
     page = write(tmp_path / "r.html", audit, tasks={name: name for name in HOSTILE}, source="rpil </code>")
     browser.open(page)
@@ -233,12 +230,9 @@ def test_segments_are_a_band_and_rows_are_marked_with_two_keys(browser: Browser,
 
 
 def test_steps_are_drawn_in_seconds_with_links_to_the_hub(browser: Browser, tmp_path: Path) -> None:
-    value = np.arange(300.0)
-    traces = {0: Traces((TracedPart("elbow", 0.6, -9.0, value, value - 1, value + 1),))}
-    audit = make_audit(("outlier", "open"), lengths=[300, 90], order=np.array([1.0, 2.0]), traces=traces, fps=30.0)
+    audit = make_audit(("outlier", "open"), lengths=[300, 90], order=np.array([1.0, 2.0]), fps=30.0)
     browser.open(write(tmp_path / "r.html", audit, lerobot=True, hub="someone/drive"))
-    assert browser.evaluate("document.querySelectorAll('.detail canvas').length") == 3
-    assert "elbow: 60 % of the evidence" in browser.text(".detail")
+    assert browser.evaluate("document.querySelectorAll('.detail canvas').length") == 2
     step = audit.worst_steps(0)[0]
     link = browser.evaluate("document.querySelector('.detail a').href")
     assert link.endswith(f"?path=%2Fsomeone%2Fdrive%2Fepisode_0&episode=0&t={step / 30:.1f}")

@@ -6,7 +6,7 @@ import base64
 import hashlib
 import json
 import os
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Hashable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import cache
@@ -98,9 +98,7 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         the worst first), first (the worst of some demonstrations, numbers of found).
     drawings
         By number as text. In P points, of which point k begins at step ``k * n_steps // P``: ratio (min, mean, max of
-        the log-ratios), trust (mean of the trust in the steps), parts with most of the evidence (name, share of the
-        evidence, nats, value, low and high of what the rest do there), and of discrete actions taken (names, codes).
-        Curves are packed by `packed`.
+        the log-ratios), and trust (mean of the trust in the steps). Curves are packed by `packed`.
     """
     order, n_review = looking_order(audit)
     places, counts = {name: m for m, name in enumerate(audit.ids)}, audit.verdict_counts()
@@ -215,19 +213,9 @@ def _drawn(audit: AuditResult, m: int) -> dict[str, object]:
     ratio, trust = audit.log_ratio(m), audit.step_trust(m)
     starts = bin_starts(len(ratio))
     extremes = {"min": np.minimum.reduceat(ratio, starts), "max": np.maximum.reduceat(ratio, starts)}
-    traces = audit.traces.get(audit.ids[m])
-    taken = traces.taken if traces else ()
-    names = sorted(name for name, _ in Counter(taken).most_common(NO_VALUE))  # a byte tells no more apart
-    codes = dict(zip(names, range(len(names)), strict=True))
     return {
         "ratio": packed({**extremes, "mean": bin_means(ratio)}),
         "trust": packed({"mean": bin_means(trust)}, (0.0, 1.0)),
-        "taken": {"names": names, "codes": _as_text(np.array([codes.get(one, NO_VALUE) for one in taken]))},
-        "parts": [
-            {"name": part.name, "share": round(part.share, 4), "nats": significant(part.nats)}
-            | packed({"value": part.value, "low": part.low, "high": part.high})
-            for part in (traces.parts if traces else ())
-        ],
     }
 
 
