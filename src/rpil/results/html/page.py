@@ -16,6 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from rpil.data.files import replacing
+from rpil.data.json_files import finite
 from rpil.data.text import MAX_IDS, counted, printable
 from rpil.faults.report import RULES, FaultReport
 from rpil.faults.set_table import SetTable
@@ -26,15 +27,12 @@ from rpil.results.choice import choose
 from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
 from rpil.results.overview import headline
 from rpil.results.reasons import TWO_GROUPS
-from rpil.results.result import MAX_LOG_ODDS, AuditResult
+from rpil.results.result import AuditResult
 from rpil.results.vocabulary import SIDES, numbered
 from rpil.segments.kinds import KINDS, Segments
 
 MAX_FOUND, MAX_FIRST = 20_000, 8
 """Recording faults of a view, the worst, and the demonstrations with one that are shown first."""
-
-DECIMALS_SHOWN = 9
-"""Digits of probabilities and shares."""
 
 LEVELS = 254
 """Between the lowest and the highest value of a curve; a byte has one more, which stands for no value."""
@@ -111,7 +109,7 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         "pair": [places[name] for name in audit.pair] if audit.question else [],
         "contradicting": [places[name] for name in audit.contradicting],
         "answers": _answers(audit),
-        "demonstrations": _columns(audit, about, order),
+        "demonstrations": _columns(audit, about),
         "whole_ids": all(isinstance(name, int) for name in audit.ids),
         "n_review": n_review,
         "faults": _faults(places, about.faults),
@@ -147,40 +145,26 @@ def _answers(audit: AuditResult) -> list[list[object]]:
     return given + [[a, f"{word} {audit.ids[b]}"] for word, pairs in compared.items() for a, b in pairs.tolist()]
 
 
-def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
+def _columns(audit: AuditResult, about: About) -> View:
     """The columns of the demonstrations."""
     letters = {name: letter for letter, members in audit.groups.items() for name in members}
-    names, facts, table = list(map(str, audit.ids)), audit.facts, audit.table(about.demonstrators, about.tasks)
-    kept = {*choose(table).kept}
-    parts = {name: _significant(part) for name, part in audit.evidence.items() if part.any()}
+    names, facts, table = list(map(str, audit.ids)), dict(audit.facts), audit.table(about.demonstrators, about.tasks)
+    kept, parts = {*choose(table).kept}, {name: part.tolist() for name, part in audit.evidence.items() if part.any()}
+    as_in_table = "verdict", "rank", "n_steps", "reason", "task", "demonstrator", "log_odds", "reliability"
     return {
         "id": names,
-        **{name: list(table[name]) for name in ("verdict", "rank", "n_steps", "reason", "task", "demonstrator")},
-        "log_odds": _significant(audit.log_odds),
-        "p": [
-            round(p, DECIMALS_SHOWN) if audit.has_proba(m) else None for m, p in enumerate(audit.expert_proba.tolist())
-        ],
+        **{name: list(table[name]) for name in as_in_table},
+        "p": [p if audit.has_proba(m) else None for m, p in enumerate(audit.expert_proba.tolist())],
         "evidence": parts if len(parts) > 1 else {},
-        "reliability": audit.reliability.round(DECIMALS_SHOWN).tolist(),
         "worst": [audit.worst_steps(m) for m in range(len(names))],
         "stretch": [stretch_of(audit, m) for m in range(len(names))],
-        "look": np.argsort(order).tolist(),
+        "look": (np.array(table["look"]) - 1).tolist(),
         "group": [letters.get(name, "") for name in audit.ids],
-        "session": list(map(str, facts.get("session", [""] * len(names)))),
-        "order": list(facts.get("order", ())),
-        "facts": {
-            name: [value if isinstance(value, str) else round(float(value), 3) for value in values]
-            for name, values in facts.items()
-            if name not in ("session", "order")
-        },
+        "session": list(map(str, facts.pop("session", [""] * len(names)))),
+        "order": list(facts.pop("order", ())),
+        "facts": facts,
         "kept": [name in kept for name in audit.ids],
     }
-
-
-def _significant(values: Array) -> list[float]:
-    """Numbers with few digits; infinite ones as large as an audit's may be, because JSON has no infinity."""
-    bounded = np.nan_to_num(values, posinf=MAX_LOG_ODDS, neginf=-MAX_LOG_ODDS).tolist()
-    return [significant(value) for value in bounded]
 
 
 def _faults(places: Mapping[Hashable, int], report: FaultReport) -> View:
@@ -282,7 +266,7 @@ def _csp_hash(code: str) -> Markup:
 
 def _as_data(value: object) -> Markup:
     """JSON for a script element that holds data: in ASCII, and without the characters that could end the element."""
-    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    text = json.dumps(finite(value), allow_nan=False, separators=(",", ":"))
     return Markup(text.translate(_UNSAFE_IN_SCRIPT))  # it has no character that HTML knows
 
 
