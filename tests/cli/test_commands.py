@@ -33,11 +33,3 @@ def test_ids_with_control_characters_are_escaped():
     result = subprocess.run(command, capture_output=True, env=os.environ | {"PYTHONIOENCODING": "ascii"})
     assert result.returncode == 0, result.stderr
     assert b"\x1b" not in result.stdout
-
-
-def test_process_prints_one_sentence_and_no_traceback():
-    command = [Path(sys.executable).parent / "rpil", "audit", "nothing.csv", "--format", "json", "--quiet"]
-    result = subprocess.run(command, capture_output=True, text=True)
-    assert result.returncode == 2
-    assert result.stdout == ""
-    assert result.stderr == "rpil: nothing.csv: there is no such file or folder; check the path.\n"

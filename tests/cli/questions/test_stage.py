@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import lerobot_folders
-from browser import browsing, needs_chromium
+from browser import needs_chromium
 from rpil import RPIL, read
 from rpil.cli.questions.material import EpisodeVideos, Recorded
 from rpil.data.id_values import AnswerRow, read_answer_rows, read_answers
@@ -41,13 +41,13 @@ WHILE_SEEKING = """(() => {
 
 
 @pytest.fixture
-def browser(tmp_path):
-    with browsing(tmp_path / "profile") as browser:
-        browser.resize(1280, 900)
-        still = {"name": "prefers-reduced-motion", "value": "reduce"}  # films begin when they are told to
-        browser.send("Emulation.setEmulatedMedia", features=[still])
-        yield browser
-        assert browser.errors == []
+def browser(chromium):
+    browser = chromium.renew()
+    browser.resize(1280, 900)
+    still = {"name": "prefers-reduced-motion", "value": "reduce"}  # films begin when they are told to
+    browser.send("Emulation.setEmulatedMedia", features=[still])
+    yield browser
+    assert browser.errors == []
 
 
 @pytest.fixture(scope="module")

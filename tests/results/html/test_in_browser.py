@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from audits import make_audit
-from browser import Browser, browsing, needs_chromium
+from browser import Browser, needs_chromium
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.results.answering import looking_order
@@ -33,18 +33,11 @@ HOSTILE = (
 MADE = Provenance("1", "rpil audit x.csv", 0, {}, ())
 
 
-@pytest.fixture(scope="module")
-def profile(tmp_path_factory) -> Path:
-    return tmp_path_factory.mktemp("profile")
-
-
 @pytest.fixture
-def browser(profile: Path, tmp_path: Path) -> Iterator[Browser]:
-    with browsing(profile) as found:
-        found.send("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
-        yield found
-        assert found.errors == []
-        assert all(url.startswith(("file:", "blob:")) for url in found.requests)
+def browser(chromium: Browser, tmp_path: Path) -> Iterator[Browser]:
+    yield chromium.renew(tmp_path)
+    assert chromium.errors == []
+    assert all(url.startswith(("file:", "blob:")) for url in chromium.requests)
 
 
 def write(path: Path, audit: Audit, **about: object) -> Path:
