@@ -299,7 +299,7 @@ def choice_asked(
 
 
 def look_lines(audit: Audit, choice: Choice, report: FaultReport | None = None) -> Iterator[str]:
-    """What to look at, and the question, until answers contrast."""
+    """The demonstrations to look at, and the question, until answers contrast."""
     from rpil.results.overview import first_sentence
 
     if choice.asked.by_number or audit.anchor == "named adversary" or audit.answers.once(audit.copy_of).contrast:

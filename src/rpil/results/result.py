@@ -27,10 +27,6 @@ from rpil.results.vocabulary import SIDES, WORSE
 if TYPE_CHECKING:
     from rpil.faults.rule import Fault
 
-MAX_LOG_ODDS = 1e9
-"""Nats. Infinite log-odds become this, because JSON has no infinity: of steps that an adversary can never take."""
-
-
 NEAR = 9
 """Steps around a step, and this itself, by which the page draws whether it is like those of the trusted."""
 

@@ -30,12 +30,14 @@ from rpil.results.answering import (
 from rpil.results.judged import Interval
 from rpil.results.reasons import groups_differ
 from rpil.results.record import Audit
-from rpil.results.result import MAX_LOG_ODDS
 from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import weights_of
 
 if TYPE_CHECKING:
     from rpil.mixture.em import MixtureFit
+
+MAX_LOG_ODDS = 1e9
+"""Nats. Infinite log-odds become this: of steps that an adversary can never take."""
 
 IN_SAMPLE_POLICY = (
     "The policy was scored on the steps that it was trained on; this assumes that it cannot memorise actions."
@@ -172,11 +174,10 @@ def assumption_sentences(
         *audit.doubts,
         *audit.notes,
         sentence_of(audit, audit.answers) if audit.anchor == "answers" else NOT_USED,
-        "A demonstration is good or bad as a whole." if audit.anchor == "named adversary" else "",
-        "" if expert_share is None else f"The share of experts was fixed at {expert_share}.",
-        f"{len(audit.labelled)} labels were taken as certain."
-        if audit.labelled and audit.anchor == "named adversary"
+        "A demonstration is good or bad as a whole, and a label is certain."
+        if audit.anchor == "named adversary"
         else "",
+        "" if expert_share is None else f"The share of experts was fixed at {expert_share}.",
         demonstrators,
     )
     return tuple(filter(None, sentences))
