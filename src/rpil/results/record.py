@@ -163,10 +163,7 @@ class Audit(AuditResult):
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
         """A data frame with a row for each demonstration, in the order of looking: the first to look at first.
 
-        The columns are those of the verdicts that ``rpil audit --verdicts`` writes: id, verdict, label, said,
-        rejected_by (the rule by which ``rpil keep`` rejects it), rank (the place in the ranking, 1 the most trusted),
-        look (the place in the order of looking), expert_proba (the probability that `vocabulary` names), log_odds and
-        its parts, reliability, n_steps, facts such as fact_session, the reason, and demonstrator if it was given.
+        The columns are those that ``rpil audit --verdicts`` writes, as far as an audit knows them.
 
         Parameters
         ----------

@@ -15,7 +15,7 @@ from markupsafe import Markup
 from audits import make_audit
 from html_page import Page
 from rpil.inference.settings import AnswerSettings, JudgeSettings
-from rpil.results.html.page import About, format_percent, render_page
+from rpil.results.html.page import About, render_page
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit
 from rpil.results.settings import AuditSettings
@@ -131,8 +131,3 @@ def test_characters_that_cannot_be_seen_are_shown_as_escapes() -> None:
     ):
         assert name in shown
     assert "a\u00a0b" in text
-
-
-def test_only_all_and_nothing_are_whole_percents_at_the_ends() -> None:
-    found = [format_percent(share) for share in (0.0, 0.001, 0.5, 0.999, 1.0)]
-    assert found == ["0 %", "<1 %", "50 %", ">99 %", "100 %"]

@@ -29,11 +29,6 @@ if TYPE_CHECKING:
     from rpil.formats.dataset import Dataset
 
 
-WHY_PAIR = "Nothing is labelled yet; we ask about these two because the answer helps most."
-WHY_ONE = "We ask about this one because the answer helps most."
-"""Why a question is asked, about two demonstrations or one."""
-
-
 SCRIPTS = "player", "curves", "stage", "notes", "sweep", "finish", "review"
 """Scripts of the page, in the order in which they stand in it."""
 
@@ -85,7 +80,6 @@ class Review:
         asked: View = {"demonstrations": [audit.index(name) for name in question]}
         if question:
             asked["sentence"] = question_sentence(audit, question)
-            asked["why"] = WHY_PAIR if len(question) == 2 else WHY_ONE
             asked["buttons"] = choices(question)
         return {
             "version": session.version,

@@ -242,20 +242,11 @@ def html_environment(package: str, folder: str) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    jinja.filters |= {"percent": format_percent, "count": counted, "numbered": numbered, "plain": _plain}
-    jinja.filters |= {"hash": _csp_hash, "data": _as_data}
+    jinja.filters |= {"count": counted, "numbered": numbered, "plain": _plain, "hash": _csp_hash, "data": _as_data}
+    jinja.filters["percent"] = lambda share: f"{100 * share:.0f} %"
     # Scripts and styles are no templates: braces mean something else there.
     jinja.globals["asset"] = lambda name: Markup(loader.get_source(jinja, name)[0])
     return jinja
-
-
-def format_percent(share: float) -> str:
-    """A share in whole percent; only exactly 0 and 1 become 0 % and 100 %."""
-    if 0 < share < 0.005:
-        return "<1 %"
-    if 0.995 < share < 1:
-        return ">99 %"
-    return f"{100 * share:.0f} %"
 
 
 def _csp_hash(code: str) -> Markup:
