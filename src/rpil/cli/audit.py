@@ -202,24 +202,23 @@ def odd_lines(report: FaultReport) -> list[str]:
 
 
 def _columns(audit: Audit, shown: Sequence[int], all_rows: bool) -> dict[str, list[str]]:
-    """The verdict, or else the place, the score, where to look and why, without what is the same of all; the
-    probability and the whole reason where `all_rows` are printed."""
+    """The verdict, or else the place, the score, where to look and why, without what is the same of all; or the whole
+    reason where `all_rows` are printed."""
     from rpil.results.reasons import at_a_glance
 
-    proba, is_decided = audit.vocabulary.probability, {*audit.verdicts} != {"open"}
-    glances, digits = [at_a_glance(audit, audit.reasons[m], m) for m in shown], 1 + 2 * (abs(audit.log_odds).max() < 1)
+    digits, words = 1 + 2 * (abs(audit.log_odds).max() < 1), audit.verdicts
+    coloured = [click.style(words[m], fg=SIDE_COLOURS[SIDES[words[m]]]) for m in shown]
     columns = {
         "id": [printable(audit.ids[m]) if all_rows else short_id(audit.ids[m]) for m in shown],
-        "place": [f"{audit.ranks[m]:,}" for m in shown],
-        "verdict": [click.style(audit.verdicts[m], fg=SIDE_COLOURS[SIDES[audit.verdicts[m]]]) for m in shown],
+        **({"place": [f"{audit.ranks[m]:,}" for m in shown]} if {*words} == {"open"} else {"verdict": coloured}),
         "score": [f"{value:+,.{digits}f}" for value in audit.log_odds[[*shown]].tolist()],
-        proba: [f"{audit.expert_proba[m]:.3f}" * audit.has_proba(m) for m in shown],
-        "where": [where for where, _ in glances],
-        "why": [printable(audit.reasons[m]) if all_rows else why for m, (_, why) in zip(shown, glances, strict=True)],
     }
-    left_out = {"where"} if all_rows else {proba, "place" if is_decided else "verdict"}
-    left_out |= {name for name in (proba, "where", "why") if len({*columns[name]}) < 2}
-    return {name: own for name, own in columns.items() if name not in left_out}
+    if all_rows:
+        more = {"why": [printable(audit.reasons[m]) for m in shown]}
+    else:
+        glances = zip(*(at_a_glance(audit, audit.reasons[m], m) for m in shown), strict=True)
+        more = dict(zip(("where", "why"), map(list, glances), strict=True))
+    return columns | {name: own for name, own in more.items() if len({*own}) > 1}
 
 
 def _notes(audit: Audit, all_rows: bool, width: int) -> Iterator[str]:
