@@ -28,7 +28,7 @@ from rpil.inference.parts import judged_parts
 from rpil.inference.trust import Judgement, judge, repeated
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
-from rpil.results.evidence import by_held_out_policies, deviations
+from rpil.results.evidence import COMPARED, by_held_out_policies, deviations
 from rpil.results.record import Audit, Interval
 from rpil.results.step_weights import weights_of
 from rpil.results.summary import audit_from_judgement, audit_from_mixture, parts_not_judged
@@ -266,7 +266,7 @@ class FullFit:
     def fit_policy(self, posed: JudgeInput, decided: FitResult) -> FitResult:
         """Add the final policy, if one is kept, to what was decided with what the actions say."""
         audit, judgement, settings = decided.audit, decided.judgement, self.options.settings.judge.held_out
-        if judgement is not None:
+        if judgement is not None and audit.finding in COMPARED:
             assert decided.linear is not None
             evidence = by_held_out_policies(judgement, decided.linear, posed.copies, settings)
             audit = replace(audit, deviations=deviations(audit, evidence, self.task.classes))

@@ -33,6 +33,9 @@ from rpil.results.reasons import worst_stretch
 from rpil.results.record import Audit
 from rpil.results.vocabulary import SIDES
 
+COMPARED = (*DECIDED, "a group apart")
+"""The findings with which there is a rest to compare with."""
+
 BAND = 0.05, 0.95
 """Quantiles of what the rest do, which are named."""
 
@@ -118,7 +121,7 @@ def deviations(audit: Audit, evidence: StepEvidence, classes: Array) -> tuple[st
     a group to compare with.
     """
     has_rest = audit.anchor == "none" or "upper" in map(SIDES.get, audit.verdicts)
-    if audit.finding not in (*DECIDED, "a group apart") or not has_rest:
+    if audit.finding not in COMPARED or not has_rest:
         return ()
     phrases, data, never = [], evidence.data, never_moves(evidence.data.actions, evidence.data.offsets)
     for m, place in enumerate(np.searchsorted(evidence.members, audit.copy_of).tolist()):
