@@ -18,7 +18,7 @@ from rpil_outside.columns import COLUMNS, Deed, auroc, best
 from rpil_outside.ours import Case
 from rpil_outside.peers import ALL, PEERS, NotMadeForIt
 from rpil_outside.peers.common import design, policy, targets
-from rpil_outside.table import read, summarised
+from rpil_outside.table import of_worth, read, summarised
 
 BLIND = {ALL, "random 60 %"}
 """Columns that rank nothing."""
@@ -167,11 +167,33 @@ def test_a_second_run_adds_only_what_is_missing(tmp_path):
 def test_the_table_leads_with_the_worst_cell(out, capsys):
     assert main(["table", str(out)], {"tiny": Tiny()}) == 0
     text = capsys.readouterr().out
-    rows = [line.split(" | ") for line in text.splitlines() if line.startswith("| ")]
+    head, detail = text.split("## tiny")
+    rows = [line.split(" | ") for line in detail.splitlines() if line.startswith("| ")]
     assert [row[0].lstrip("| ") for row in rows[2:]] == list(COLUMNS)
     assert rows[0][1] == "worst cell, less all"
-    assert "## tiny" in text
-    assert re.search(r"Commit [0-9a-f]{12}", text)
+    assert re.match(r"Commit [0-9a-f]{12}", head)
+    draws = read(out)
+    found = summarised(draws, "PSD")
+    assert f"| PSD | {found.worst:+.0f} | {found.worst:+.0f}/{found.gain:+.0f} |" in head
+    assert main(["table", str(out), "--brief"], {"tiny": Tiny()}) == 0
+    assert capsys.readouterr().out.strip() == head.strip()
+
+
+def test_a_world_that_lacks_a_package_says_so(tmp_path):
+    world = Tiny()
+    world.needs = "json", "no_such_package"
+    with pytest.raises(SystemExit, match="tiny needs no_such_package: pip install"):
+        main(["run", "tiny", "--json", str(tmp_path)], {"tiny": world})
+
+
+def test_cells_that_gain_where_the_oracle_does():
+    def draw(cell, *policies):
+        return {"world": "w", "cell": cell, "columns": dict(zip([ALL, "oracle", "x"], map(row, policies), strict=True))}
+
+    def row(policy):
+        return {"policy": policy}
+
+    assert of_worth([draw("a", 0, 12, 11), draw("b", 50, 70, 55), draw("c", 90, 95, 100)], "x") == "1/2"
 
 
 def test_differences_are_paired_and_their_intervals_are_students():

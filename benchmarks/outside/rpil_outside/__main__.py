@@ -10,6 +10,7 @@ python -m rpil_outside score FILE.csv WORLD CELL SEED
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -52,6 +53,7 @@ def parser(worlds: Mapping[str, World]) -> argparse.ArgumentParser:
     running.set_defaults(command=run_world)
     making = commands.add_parser("table", help="print the table of a folder")
     making.add_argument("folder", type=Path)
+    making.add_argument("--brief", action="store_true", help="without the table of each world")
     making.set_defaults(command=print_table)
     writing = commands.add_parser("write", help="write the demonstrations of a draw, without the truth")
     scoring = commands.add_parser("score", help="score a file with id,score or id,step,score")
@@ -70,31 +72,44 @@ def parser(worlds: Mapping[str, World]) -> argparse.ArgumentParser:
 
 def list_worlds(options: argparse.Namespace, worlds: Mapping[str, World]) -> int:
     for name, world in worlds.items():
-        print(f"{name}: {world.source} ({world.licence})\n  {', '.join(world.cells)}")
+        packages = f"; lacks {', '.join(lacking(world))}" if lacking(world) else ""
+        print(f"{name}: {world.source} ({world.licence}){packages}\n  {', '.join(world.cells)}")
     return 0
 
 
-def run_world(options: argparse.Namespace, worlds: Mapping[str, World]) -> int:
+def lacking(world: World) -> list[str]:
+    """Modules that the world needs and that are not installed."""
+    return [name for name in getattr(world, "needs", ()) if importlib.util.find_spec(name) is None]
+
+
+def chosen(options: argparse.Namespace, worlds: Mapping[str, World]) -> World:
     world = worlds[options.world]
+    if lacking(world):
+        raise SystemExit(f"{world.name} needs {', '.join(lacking(world))}: pip install -e 'benchmarks/outside[all]'.")
+    return world
+
+
+def run_world(options: argparse.Namespace, worlds: Mapping[str, World]) -> int:
+    world = chosen(options, worlds)
     cells = [checked(world, cell) for cell in options.cells or world.cells]
     run(world, cells, range(options.seeds), options.json, options.columns, options.quick)
     return 0
 
 
 def print_table(options: argparse.Namespace, worlds: Mapping[str, World]) -> int:
-    print(page(read(options.folder)), end="")
+    print(page(read(options.folder), options.brief), end="")
     return 0
 
 
 def write_draw(options: argparse.Namespace, worlds: Mapping[str, World]) -> int:
-    world = worlds[options.world]
+    world = chosen(options, worlds)
     rpil.write(options.file, world.make(checked(world, options.cell), options.seed, options.quick).demonstrations)
     return 0
 
 
 def score_file(options: argparse.Namespace, worlds: Mapping[str, World]) -> int:
     """Print the row of a submitted file, below that of all."""
-    world, quick = worlds[options.world], options.quick
+    world, quick = chosen(options, worlds), options.quick
     cell = checked(world, options.cell)
     case, driven = Case(world.make(cell, options.seed, quick), options.seed), dict[str, float]()
     deed = submitted.read(options.file, case.data)

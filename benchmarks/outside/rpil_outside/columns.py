@@ -77,7 +77,7 @@ def by_answers(count: int, asked: bool, weighs: bool, case: Case) -> Deed:
 
 OURS: dict[str, Callable[[Case], Deed]] = {
     "rpil keep": by_keep,
-    "rpil weights": by_weights,
+    "RPIL() weights": by_weights,
     "rpil ranges": by_ranges,
     "rpil best 60 %": by_share,
     **{

@@ -62,7 +62,7 @@ def fill(path: Path, found: Row, world: World, cell: str, seed: int, missing: li
 
 def measured(name: str, case: Case, world: World, cell: str, quick: bool, driven: dict[str, float]) -> Row:
     """AUROC, policy and CPU seconds of a column, or why it has none."""
-    own = name.startswith("rpil") and name != "rpil weights"
+    own = name.startswith("rpil ")
     if own:
         _ = case.audit  # its seconds count once for each column that reads it
     begin = time.process_time()

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from .columns import COLUMNS
-from .peers import ALL
+from .peers import ALL, ORACLE
 
 Row = dict[str, Any]
 HEADER = (
@@ -133,8 +134,7 @@ def number(value: float | None, form: str) -> str:
 
 
 def table(rows: Iterable[Sequence[str]]) -> str:
-    rule = [*["---"], "---:", "---", *["---:"] * (len(HEADER) - 3)]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (HEADER, rule, *rows))
+    return plain(HEADER, rows)
 
 
 def of_world(draws: Sequence[Row]) -> str:
@@ -153,11 +153,63 @@ def of_world(draws: Sequence[Row]) -> str:
     return "\n\n".join([f"## {first['world']}", text, table(rows)])
 
 
-def page(draws: Sequence[Row]) -> str:
-    """All worlds that were run, and which commit they are of."""
+def across(draws: Sequence[Row]) -> str:
+    """Two tables over all worlds: how far each column is from all, and AUROC."""
+    worlds = {name: [draw for draw in draws if draw["world"] == name] for name in sorted({d["world"] for d in draws})}
+    found: dict[str, dict[str, Summary]] = defaultdict(dict)
+    for name, (world, own) in product(COLUMNS, worlds.items()):
+        has = [draw for draw in own if name in draw["columns"]]
+        if (summary := summarised(has, name)) is not None:
+            found[name][world] = summary
+    moved, ranked = [], []
+    for name, own in found.items():
+        less = [
+            f"{each.worst:+.0f}/{each.gain:+.0f}" if each.worst is not None else "–" for each in in_all(own, worlds)
+        ]
+        worst = min((each.worst for each in own.values() if each.worst is not None), default=None)
+        moved.append([name, number(worst, "+.0f"), *less, of_worth(draws, name)])
+        ranked.append([name, *(number(each.auroc, ".2f") for each in in_all(own, worlds))])
+    finest = [max(own[world].detectable or 0.0 for own in found.values() if world in own) for world in worlds]
+    moved.append(["± of a cell at most", "", *(f"{value:.0f}" for value in finest), ""])
+    header = ["column", "worst", *worlds, f"+{WORTH:.0f} where {ORACLE} has it"]
+    texts = (
+        "Worst cell/mean of cells, in points less all; last, cells that gain where the truth does.",
+        "AUROC, mean of cells.",
+    )
+    return "\n\n".join([texts[0], plain(header, moved), texts[1], plain(["column", *worlds], ranked)])
+
+
+NOTHING = Summary(None, "", None, None, None, None, None, None, None)
+WORTH = 10.0
+"""Points that a choice of demonstrations is worth."""
+
+
+def in_all(own: Mapping[str, Summary], worlds: Iterable[str]) -> list[Summary]:
+    return [own.get(world, NOTHING) for world in worlds]
+
+
+def of_worth(draws: Sequence[Row], name: str) -> str:
+    """Of the cells in which the oracle gains `WORTH` points over all, those in which the column does."""
+    gains: dict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
+    for draw in draws:
+        policy = [draw["columns"].get(column, {}).get("policy") for column in (ALL, ORACLE, name)]
+        if None not in policy:
+            gains[draw["world"], draw["cell"]].append((policy[1] - policy[0], policy[2] - policy[0]))
+    means = [np.mean(own, axis=0) for own in gains.values()]
+    worth = [gain for most, gain in means if most >= WORTH]
+    return f"{sum(gain >= WORTH for gain in worth)}/{len(worth)}"
+
+
+def plain(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    rule = ["---", *["---:"] * (len(header) - 1)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (header, rule, *rows))
+
+
+def page(draws: Sequence[Row], brief: bool = False) -> str:
+    """All worlds that were run, and which commit they are of; `brief` leaves out the table of each world."""
     if not draws:
         raise SystemExit("nothing was run yet; see python -m rpil_outside run --help")
     commits = sorted({str(draw["commit"]) for draw in draws})
     worlds = list(dict.fromkeys(draw["world"] for draw in draws))
-    sections = [of_world([draw for draw in draws if draw["world"] == world]) for world in worlds]
-    return "\n\n".join([f"Commit {', '.join(commits)}.", *sections]) + "\n"
+    sections = [] if brief else [of_world([draw for draw in draws if draw["world"] == world]) for world in worlds]
+    return "\n\n".join([f"Commit {', '.join(commits)}.", across(draws), *sections]) + "\n"
