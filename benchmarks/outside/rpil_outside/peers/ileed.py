@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from .common import by_chance, design, likelihood, mean_of, policy, states, targets
+from .common import by_chance, design, likelihood, mean_of, predicted, states, targets
 
 if TYPE_CHECKING:
     from ..world import Made
@@ -51,9 +51,9 @@ def fitted(made: Made, seed: int) -> tuple[np.ndarray, np.ndarray]:  # expertise
         return float((np.logaddexp(0, z) - follows * z).sum() + 0.5 * (point**2).sum()), slope.ravel() + point
 
     for _ in range(ROUNDS):
-        predicted = X @ policy(X, Y, follows)
-        by_policy = likelihood(Y, predicted, data.is_discrete, follows)
-        other = (1 - by_policy) / (Y.shape[1] - 1) if data.is_discrete else by_chance(Y, predicted, follows)
+        done = predicted(X, Y, data.is_discrete, follows, follows >= 0)
+        by_policy = likelihood(Y, done, data.is_discrete, follows)
+        other = (1 - by_policy) / (Y.shape[1] - 1) if data.is_discrete else by_chance(Y, done, follows)
         follows = expertise * by_policy / (expertise * by_policy + (1 - expertise) * other + 1e-300)
         point = minimize(loss, point, jac=True, method="L-BFGS-B", options={"maxiter": ITERATIONS}).x
         expertise = expit(np.multiply(*embedded(point)).sum(axis=1))
