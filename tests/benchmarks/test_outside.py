@@ -18,7 +18,7 @@ from rpil_outside.columns import COLUMNS, Deed, auroc, best
 from rpil_outside.ours import Case
 from rpil_outside.peers import ALL, PEERS, NotMadeForIt
 from rpil_outside.peers.common import design, policy, targets
-from rpil_outside.table import of_worth, read, summarised
+from rpil_outside.table import of_worth, read, summarised, whole
 
 BLIND = {ALL, "random 60 %"}
 """Columns that rank nothing."""
@@ -174,7 +174,7 @@ def test_the_table_leads_with_the_worst_cell(out, capsys):
     assert re.match(r"Commit [0-9a-f]{12}", head)
     draws = read(out)
     found = summarised(draws, "PSD")
-    assert f"| PSD | {found.worst:+.0f} | {found.worst:+.0f}/{found.gain:+.0f} |" in head
+    assert f"| PSD | {whole(found.worst)} | {whole(found.worst)}/{whole(found.gain)} |" in head
     assert main(["table", str(out), "--brief"], {"tiny": Tiny()}) == 0
     assert capsys.readouterr().out.strip() == head.strip()
 

@@ -167,7 +167,7 @@ def across(draws: Sequence[Row]) -> str:
             f"{each.worst:+.0f}/{each.gain:+.0f}" if each.worst is not None else "–" for each in in_all(own, worlds)
         ]
         worst = min((each.worst for each in own.values() if each.worst is not None), default=None)
-        moved.append([name, number(worst, "+.0f"), *less, of_worth(draws, name)])
+        moved.append([name, whole(worst), *less, of_worth(draws, name)])
         ranked.append([name, *(number(each.auroc, ".2f") for each in in_all(own, worlds))])
     finest = [max(own[world].detectable or 0.0 for own in found.values() if world in own) for world in worlds]
     moved.append(["± of a cell at most", "", *(f"{value:.0f}" for value in finest), ""])
@@ -175,13 +175,30 @@ def across(draws: Sequence[Row]) -> str:
     texts = (
         "Worst cell/mean of cells, in points less all; last, cells that gain where the truth does.",
         "AUROC, mean of cells.",
+        "Published, and here.",
     )
-    return "\n\n".join([texts[0], plain(header, moved), texts[1], plain(["column", *worlds], ranked)])
+    ends = [{world: each.policy for world, each in found[name].items()} for name in (ALL, ORACLE)]
+    beside = [[*about(own), *(number(end.get(world), ".1f") for end in ends)] for world, own in worlds.items()]
+    tables = plain(header, moved), plain(["column", *worlds], ranked), plain(BESIDE, beside)
+    return "\n\n".join(part for pair in zip(texts, tables, strict=True) for part in pair)
 
 
 NOTHING = Summary(None, "", None, None, None, None, None, None, None)
 WORTH = 10.0
 """Points that a choice of demonstrations is worth."""
+
+
+BESIDE = "world", "cells x seeds", "published", f"here: {ALL}", f"here: {ORACLE}"
+
+
+def about(draws: Sequence[Row]) -> list[str]:
+    """The world of these draws, how much of it was run, and the figures of others."""
+    cells, seeds = (len({draw[key] for draw in draws}) for key in ("cell", "seed"))
+    return [draws[0]["world"], f"{cells} x {seeds}", draws[0]["published"]]
+
+
+def whole(value: float | None) -> str:
+    return "–" if value is None else f"{round(value):+d}"
 
 
 def in_all(own: Mapping[str, Summary], worlds: Iterable[str]) -> list[Summary]:
