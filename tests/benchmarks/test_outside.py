@@ -16,7 +16,7 @@ from rpil_outside import submitted
 from rpil_outside.__main__ import main
 from rpil_outside.columns import COLUMNS, Deed, auroc, best
 from rpil_outside.ours import Case
-from rpil_outside.peers import ALL, PEERS, NotMadeForIt
+from rpil_outside.peers import ALL, PEERS, NotMadeForIt, common
 from rpil_outside.peers.common import design, policy, targets
 from rpil_outside.table import of_worth, read, summarised, whole
 
@@ -64,6 +64,15 @@ class Tiny:
         weighted = data.observations * weights[:, None]
         fit = np.linalg.lstsq(weighted.T @ data.observations, weighted.T @ data.actions, rcond=None)[0]
         return 100 - 10 * float(np.abs(fit + 2 * np.eye(2)).sum())
+
+
+@pytest.fixture(autouse=True, scope="module")
+def small_policies():
+    """Peers with few features and trees, for speed."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(common, "N_RANDOM", 12)
+        patch.setattr(common, "N_TREES", 3)
+        yield
 
 
 @pytest.fixture(scope="module")

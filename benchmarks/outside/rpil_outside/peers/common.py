@@ -1,26 +1,24 @@
-"""Parts that several peers share: scaled columns, features, and a policy that is linear in them."""
+"""Parts that several peers share: scaled columns, a policy that is linear in features, and one of trees."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.linear_model import LogisticRegression
+from sklearn.ensemble import ExtraTreesRegressor
 
 if TYPE_CHECKING:
     from rpil import Demonstrations
 
     from ..world import Made
 
-MOST_COLUMNS, N_RANDOM, RIDGE = 30, 64, 1.0
+MOST_COLUMNS, N_RANDOM, RIDGE = 30, 256, 1.0
 """Principal components where observations are wider, random features, and the penalty of a policy."""
-LEAST, MOST_ITERATIONS = 1e-3, 40
-"""The smallest probability of a class, and iterations of a softmax policy."""
+LEAST, N_TREES, LEAF = 1e-3, 20, 10
+"""The smallest probability of a class; trees of a policy, and steps of each of their leaves at least."""
 DRAWN = 77
-"""Of random features, which are the same whatever the seed, so that two peers have the same policy."""
+"""Of random features and trees, which are the same whatever the seed, so that two peers have the same policy."""
 
 
 class NotMadeForIt(Exception):
@@ -67,16 +65,11 @@ def policy(X: np.ndarray, Y: np.ndarray, weight: np.ndarray | None = None) -> np
     return np.linalg.solve(X.T @ weighted + RIDGE * np.eye(X.shape[1]), weighted.T @ Y)
 
 
-def predicted(X: np.ndarray, Y: np.ndarray, discrete: bool, weight: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Actions (N, K), or probabilities of classes, by a policy that is fitted to the weighted `rows`."""
-    if not discrete or len(kinds := np.unique(Y[rows].argmax(axis=1))) < 2:
-        return X @ policy(X[rows], Y[rows], weight[rows])
-    with warnings.catch_warnings():  # as far as it comes in so many iterations
-        warnings.simplefilter("ignore", ConvergenceWarning)
-        fit = LogisticRegression(max_iter=MOST_ITERATIONS).fit(X[rows], Y[rows].argmax(axis=1), weight[rows])
-    share = np.zeros(Y.shape)
-    share[:, kinds] = fit.predict_proba(X)
-    return share
+def predicted(seen: np.ndarray, Y: np.ndarray, weight: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+    """Actions (N, K), or probabilities of classes, by trees that learn the weighted `rows`, or all: not linear."""
+    rows = np.arange(len(Y)) if rows is None else rows
+    trees = ExtraTreesRegressor(N_TREES, min_samples_leaf=LEAF, random_state=DRAWN)
+    return trees.fit(seen[rows], Y[rows], weight[rows]).predict(seen).reshape(Y.shape)
 
 
 def likelihood(Y: np.ndarray, predicted: np.ndarray, discrete: bool, weight: np.ndarray | None = None) -> np.ndarray:
