@@ -164,13 +164,13 @@ def across(draws: Sequence[Row]) -> str:
     moved, ranked = [], []
     for name, own in found.items():
         less = [
-            f"{each.worst:+.0f}/{each.gain:+.0f}" if each.worst is not None else "–" for each in in_all(own, worlds)
+            f"{whole(each.worst)}/{whole(each.gain)}" if each.worst is not None else "–" for each in in_all(own, worlds)
         ]
         worst = min((each.worst for each in own.values() if each.worst is not None), default=None)
         moved.append([name, whole(worst), *less, of_worth(draws, name)])
         ranked.append([name, *(number(each.auroc, ".2f") for each in in_all(own, worlds))])
-    finest = [max(own[world].detectable or 0.0 for own in found.values() if world in own) for world in worlds]
-    moved.append(["± of a cell at most", "", *(f"{value:.0f}" for value in finest), ""])
+    finest = [number(each.detectable, ".0f") for each in in_all(found[ORACLE], worlds)]
+    moved.append([f"± of a cell, {ORACLE}", "", *finest, ""])
     header = ["column", "worst", *worlds, f"+{WORTH:.0f} where {ORACLE} has it"]
     texts = (
         "Worst cell/mean of cells, in points less all; last, cells that gain where the truth does.",
