@@ -40,6 +40,7 @@ class Tiny:
 
     name, source, licence, published = "tiny", "this test", "MIT", "nothing"
     cells = "one bad", "three bad"
+    whole = 50.0
 
     def __init__(self) -> None:
         self.driven: list[np.ndarray] = []
@@ -155,6 +156,8 @@ def test_every_column_is_run(out):
         assert draw["columns"]["oracle"]["auroc"] == 1.0
         assert draw["columns"]["oracle"]["policy"] > draw["columns"][ALL]["policy"]
         assert draw["columns"][ALL]["auroc"] == 0.5
+        stored = json.loads((out / f"tiny_{draw['cell'].replace(' ', '-')}_0.json").read_text())["columns"]["oracle"]
+        assert draw["columns"]["oracle"]["policy"] == pytest.approx(2 * stored["policy"])  # in points of what is whole
 
 
 def test_a_second_run_adds_only_what_is_missing(tmp_path):

@@ -23,7 +23,7 @@ from .columns import COLUMNS, auroc
 from .ours import Case
 from .peers import ALL
 from .running import drive, measured, run
-from .table import line, page, read, summarised, table
+from .table import in_points, line, page, read, summarised, table
 
 if TYPE_CHECKING:
     from .world import World
@@ -116,7 +116,7 @@ def score_file(options: argparse.Namespace, worlds: Mapping[str, World]) -> int:
     columns = {ALL: measured(ALL, case, world, cell, quick, driven)}
     policy = drive(deed, case, world, cell, quick, driven)
     columns[options.file.name] = {"auroc": auroc(deed, case), "policy": policy, "seconds": None}
-    draws = [{"cell": cell, "columns": columns}]
+    draws = [in_points({"cell": cell, "columns": columns, "whole": getattr(world, "whole", 100.0)})]
     print(table(line(name, summarised(draws, name)) for name in columns))
     return 0
 

@@ -51,6 +51,7 @@ def fill(path: Path, found: Row, world: World, cell: str, seed: int, missing: li
     case, driven, M = Case(made, seed), dict[str, float](), len(made.demonstrations)
     about = {"world": world.name, "cell": cell, "seed": seed, "quick": quick, "source": world.source}
     about |= {"licence": world.licence, "published": world.published, "rpil": rpil.__version__, "commit": commit()}
+    about["whole"] = getattr(world, "whole", 100.0)  # what counts as 100 points
     found = about | {"demonstrations": M, "good": int(made.good.sum()), "columns": {}} | found
     for name in missing:
         found["columns"][name] = row = measured(name, case, world, cell, quick, driven)

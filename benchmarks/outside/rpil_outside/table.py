@@ -57,7 +57,14 @@ class Summary:
 
 def read(folder: Path) -> list[Row]:
     """What was run, in the order of the names of the files."""
-    return [json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*.json"))]
+    return [in_points(json.loads(path.read_text(encoding="utf-8"))) for path in sorted(folder.glob("*.json"))]
+
+
+def in_points(draw: Row) -> Row:
+    """The draw with policies in points: of a hundred, which is what its world calls whole."""
+    for row in draw["columns"].values():
+        row["policy"] = None if row["policy"] is None else 100 * row["policy"] / draw.get("whole", 100.0)
+    return draw
 
 
 def summarised(draws: Sequence[Row], column: str) -> Summary | None:
