@@ -1,8 +1,7 @@
 """Drive Meta-World's arm by its scripts, as better, okay and worse operators do, or with eleven sorts of faults.
 
 Source: Meta-World 3 (Farama Foundation); better, okay and worse are the operators of robomimic's multi-human sets
-(Mandlekar et al., arXiv 2108.03298). Licence: MIT. Published, on robomimic's own tasks: cloning of all operators below
-that of the better ones, by up to 30 % in success; on Meta-World nothing with these operators.
+(Mandlekar et al., arXiv 2108.03298). Licence: MIT. Published on Meta-World: nothing with such operators.
 
 A cell names a task and `operators` (a third each of better, okay and worse ones: worse ones are bad) or `faults`, of
 which the seed draws three sorts for half of the demonstrations. An operator sees an observation, perhaps wrongly, asks
@@ -157,7 +156,7 @@ class MetaWorld:
     name = "metaworld"
     source = "Meta-World 3; operators after robomimic, arXiv 2108.03298"
     licence = "MIT"
-    published = "none with these operators; robomimic: all below the better ones by up to 30 %"
+    published = "nothing with such operators"
     cells = tuple(f"{task} {who}" for task, who in product(TASKS, ("operators", "faults")))
     needs: tuple[str, ...] = ("metaworld",)
 
