@@ -4,13 +4,13 @@ Source: the package ocbench (MuJoCo on the CPU). Licence: MIT. Published: nothin
 
 A cell names a task and the probability that an act is a mistake: another place than the task needs. A demonstration
 with a mistake is bad, and the steps of a wrong act are. At probability 0 all are good, and no AUROC can be taken. This
-world measures the AUROC alone and drives no policy.
+world measures the AUROC alone: the network, cloned from 60 episodes without mistakes, placed the blocks in none of six
+drives.
 """
 
 from __future__ import annotations
 
 import warnings
-from functools import lru_cache
 from itertools import product
 from typing import Any
 
@@ -45,7 +45,6 @@ def recorded(env: Any, oracle: Any, seed: int) -> tuple[Any, list[dict[str, Any]
     return (np.array(rows), np.array(acts)), oracle.segments, bool(env.unwrapped._success)
 
 
-@lru_cache(maxsize=2)
 def made(cell: str, seed: int, n: int) -> Made:
     """Record `n` episodes; minutes of one core for 50."""
     with warnings.catch_warnings():
