@@ -30,6 +30,7 @@ def test_world_says_where_it_comes_from(name: str) -> None:
     assert isinstance(world, World)
     assert world.name == name
     assert all((world.source, world.licence, world.published))
+    assert world.whole > 0
     assert len(set(world.cells)) == len(world.cells) > 0
 
 

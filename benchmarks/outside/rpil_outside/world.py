@@ -33,6 +33,10 @@ class World(Protocol):
     published: str
     """Figures of others, in one line."""
     cells: tuple[str, ...]
+    needs: tuple[str, ...]
+    """Modules without which it cannot run."""
+    whole: float
+    """What counts as 100 points: 100 of a success in percent, and the return of a good policy of others."""
 
     def make(self, cell: str, seed: int, quick: bool) -> Made:
         """Draw the demonstrations of a cell; a seed gives the same bits each time."""

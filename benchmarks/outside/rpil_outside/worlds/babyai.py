@@ -106,6 +106,7 @@ class BabyAI:
     published = "other levels, robomimic, chess: ILEED first in 21 of 23 settings, by 7 % in the mean"
     cells = tuple(f"{name} {share}" for name, share in product(LEVELS, SHARES))
     needs: tuple[str, ...] = ("minigrid",)
+    whole = 100.0
 
     def make(self, cell: str, seed: int, quick: bool) -> Made:
         """Record 200 demonstrations, or 40."""

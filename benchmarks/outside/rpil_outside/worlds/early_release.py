@@ -26,7 +26,7 @@ from rpil_outside.world import Made
 SPEED, LIMIT, ONE_LENGTH = 0.05, 90, 60
 GRASP, HEIGHT, NEAR = 0.03, 0.25, 0.06
 """Distance at which a closing hand takes the thing, height of the way, and distance of a success."""
-RATE, BEFORE = 0.5, 0.25
+RATE, BEFORE = 0.34, 0.35
 """How much a hand opens or closes in a step, and how far before the wrong place it begins to open."""
 KINDS, SHARES = ("shorter", "one length"), (25, 50, 75)
 
@@ -87,7 +87,7 @@ class Operator:
         shut |= (self.phase == 4) & (self.early == 1) & (np.linalg.norm(gap, axis=1) > 0.03)
         ready = np.linalg.norm(gap, axis=1) < np.array([0.03, 0.02, 0.03, 0.03, 0.03, -1])[self.phase]
         ready &= np.where(self.phase == 1, box.held, True) & np.where(self.phase == 4, box.opening > 0.9, True)
-        slow = np.where((self.phase == 3) & (self.early < 1), 6, 2)[:, None]
+        slow = np.where((self.phase == 3) & (self.early < 1), 10, 2)[:, None]
         way = np.clip(gap / (slow * SPEED), -1, 1) + self.rng.normal(0, 0.08, gap.shape)
         self.phase = np.minimum(self.phase + ready, 5)
         return np.clip(np.column_stack([way, np.where(shut, -1.0, 1.0)]), -1, 1)
@@ -112,6 +112,7 @@ class EarlyRelease:
     published = "success: all 3 %, oracle 93 %, best detector 13 %, best curated policy 90 %"
     cells = tuple(f"{kind} {share}" for kind, share in product(KINDS, SHARES))
     needs: tuple[str, ...] = ()
+    whole = 100.0
 
     def make(self, cell: str, seed: int, quick: bool) -> Made:
         """Record 100 demonstrations, or 40."""

@@ -82,6 +82,7 @@ class Intersection:
     published = "return: BC 4.0, ILEED 4.2, BCND 8.5, Counter-BC 13.0"
     cells = tuple(f"{noise} {size}" for noise, size in product(NOISES, SIZES))
     needs: tuple[str, ...] = ()
+    whole = 15.0
 
     def make(self, cell: str, seed: int, quick: bool) -> Made:
         """Record as many demonstrations as the cell says, half of them of bad teachers."""

@@ -159,6 +159,7 @@ class MetaWorld:
     published = "nothing with such operators"
     cells = tuple(f"{task} {who}" for task, who in product(TASKS, ("operators", "faults")))
     needs: tuple[str, ...] = ("metaworld",)
+    whole = 100.0
 
     def make(self, cell: str, seed: int, quick: bool) -> Made:
         """Record 60 demonstrations, or 12."""

@@ -82,6 +82,7 @@ class OCBench:
     published = "nothing of finding mistakes"
     cells = tuple(f"{task} {p_mistake}" for task, p_mistake in product(TASKS, MISTAKES))
     needs: tuple[str, ...] = ("ocbench",)
+    whole = 100.0
 
     def make(self, cell: str, seed: int, quick: bool) -> Made:
         """Record 50 demonstrations, or 6."""

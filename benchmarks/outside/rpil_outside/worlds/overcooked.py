@@ -1,13 +1,14 @@
-"""Cook onion soups in pairs, after 76 people: Overcooked.
+"""Cook onion soups in pairs, after people: Overcooked.
 
 Source: the human trials in the source distribution of overcooked-ai 1.1.0 (Carroll et al., arXiv 1910.05789), read once
 into plain arrays: `overcooked_*.npz` in the folder that the environment variable RPIL_DATA names, or in `shared/data`
 beside the repository. Licence: MIT. Published: points of pairs of agents, and nothing of who is good.
 
-A cell names a kitchen. A seed draws three quarters of the people whose own work (onions put in a pot, soups fetched and
-delivered) is in the upper or the lower third of the kitchen: those of the upper one are good. Steps in which a player
-waited are left out. The kitchen's rules are written anew; a policy plays both cooks, and its return is 20 points for
-each soup. How a place looks from each square is read from the recorded steps themselves.
+A cell names a kitchen; there are 76 trials in five. Each of the two cooks of a trial is a demonstration, and it is good
+where the team scored at least the kitchen's median: the score of one cook would ask on which side of a counter he
+stood. A seed draws three quarters of the trials. Steps in which a cook waited are left out. The kitchen's rules are
+written anew; a policy plays both cooks, and its return is 20 points for each soup. Which way things lie from a square
+is read from the recorded steps themselves.
 """
 
 from __future__ import annotations
@@ -44,7 +45,9 @@ def trials(kitchen: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     if not path.exists():
         raise FileNotFoundError(f"{path.name}: it is not in {path.parent}; set RPIL_DATA to the folder that holds it.")
     with np.load(path, allow_pickle=False) as arrays:
-        held = {name: arrays[name] for name in ("observations", "actions", "episode_ids", "is_good", "episode_return")}
+        held = {
+            name: arrays[name] for name in ("observations", "actions", "episode_ids", "trial_ids", "episode_return")
+        }
     return held, json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
 
 
@@ -158,18 +161,18 @@ class Overcooked:
     published = "nothing of who is good"
     cells = KITCHENS
     needs: tuple[str, ...] = ()
+    whole = 200.0
 
     def make(self, cell: str, seed: int, quick: bool) -> Made:
-        """Draw three quarters of the people who are clearly good or bad."""
+        """Draw three quarters of the trials."""
         arrays, _ = trials(cell)
-        rng = np.random.default_rng([seed, KITCHENS.index(cell), 11])
+        rng, teams = np.random.default_rng([seed, KITCHENS.index(cell), 11]), np.unique(arrays["trial_ids"])
+        drawn = np.flatnonzero(np.isin(arrays["trial_ids"], rng.permutation(teams)[: round(SHARE * len(teams))]))
         bounds = np.append(np.flatnonzero(np.diff(arrays["episode_ids"], prepend=-1)), len(arrays["actions"]))
-        clear = np.flatnonzero(arrays["is_good"] >= 0)
-        drawn = np.sort(rng.permutation(clear)[: round(SHARE * len(clear))])
-        spans = list(pairwise(bounds.tolist()))
-        rows, acts = arrays["observations"].astype(float), arrays["actions"]
-        episodes = [(rows[slice(*spans[m])], acts[slice(*spans[m])]) for m in drawn]
-        return laid_out(episodes, arrays["is_good"][drawn] == 1, None, None, rng)
+        spans = [slice(*span) for span in pairwise(bounds.tolist())]
+        episodes = [(arrays["observations"][spans[m]].astype(float), arrays["actions"][spans[m]]) for m in drawn]
+        score = arrays["episode_return"]
+        return laid_out(episodes, score[drawn] >= np.median(score), None, None, rng)
 
     def drive(self, cell: str, made: Made, weights: np.ndarray, seed: int, quick: bool) -> float:
         """Return the mean points of games of two cooks who both follow the policy; keys are drawn."""

@@ -121,6 +121,7 @@ class Push2D:
     published = "clean 97 %; half bad 91 to 97 %; 90 % accidental 85 to 90 %"
     cells = tuple(f"{mode} {share}" for mode, share in product(MODES, SHARES))
     needs: tuple[str, ...] = ()
+    whole = 100.0
 
     def make(self, cell: str, seed: int, quick: bool) -> Made:
         """Record 400 episodes, or 80."""
