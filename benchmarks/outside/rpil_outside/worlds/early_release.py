@@ -7,7 +7,7 @@ from the description, since LIBERO does not install on a machine without a GPU i
 are length in disguise.
 
 A bad operator slows down a good part of the way before the place, opens the hand there, and goes on as if nothing had
-happened. `shorter` ends its record as soon as the hand has risen, so that bad ones are the shorter ones; in `one
+happened. In `shorter` a record ends soon after the thing was let go, so that bad ones are the shorter ones; in `one
 length` every record has the same number of steps. The number is the percentage that is bad. The success flag is that
 of a recorder who looks whether the hand came to the place and opened: it notes nothing.
 """
@@ -131,7 +131,8 @@ class EarlyRelease:
 
             seen, done, _ = driven(count, act, rng)
             for m, phase in enumerate(np.stack(phases, axis=1)):
-                end = ONE_LENGTH if kind == "one length" else int(np.searchsorted(phase, 5)) + 4
+                held = np.flatnonzero((seen[m, :, 7:10] == 0).all(axis=1))  # the thing is where the hand is
+                end = ONE_LENGTH if kind == "one length" else int(held[-1]) + 4
                 episodes.append((seen[m, :end], done[m, :end]))
                 good_steps.append(phase[:end] < 3 if bad else np.ones(len(seen[m, :end]), dtype=bool))
         return laid_out(episodes, np.arange(n) < n - n_bad, np.ones(n), good_steps, rng)
