@@ -107,7 +107,7 @@ def of_ocbench(folder: Path, seeds: range, draws: int) -> Iterator[Row]:
                     continue
                 with np.load(path) as arrays:
                     data = {name: arrays[name] for name in arrays}
-                made = Demonstrations.from_arrays(
+                made = Demonstrations(
                     data["observations"].astype(float), data["actions"].astype(float), data["offsets"]
                 )
                 bad = np.zeros(made.n_steps, dtype=bool)

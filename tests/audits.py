@@ -10,22 +10,9 @@ import numpy as np
 
 from rpil.inference.answers import Answers
 from rpil.results.answering import rejecting_rules
-from rpil.results.judged import TracedPart, Traces
 from rpil.results.record import Audit, Interval
 from rpil.results.settings import AuditSettings
 from rpil.results.vocabulary import SIDES, Verdict
-
-
-def make_traces(n_steps: int, seed: int = 0, name: str = "elbow") -> Traces:
-    """Two parts of the action of a demonstration that leaves the band of the rest in the middle half."""
-    rng = np.random.default_rng(seed)
-    mean = np.cumsum(rng.normal(size=(n_steps, 2)), axis=0)
-    middle = np.abs(np.arange(n_steps) - n_steps / 2) < n_steps / 4
-    value = mean + rng.normal(0, 0.4, size=mean.shape) + np.outer(middle, [5.0, 1.0])
-    low, high = mean - 0.66, mean + 0.66
-    parts = zip(*(np.asarray(each, dtype=np.float32).T for each in (value, low, high)), strict=True)
-    named = zip((name, "wrist"), (0.75, 0.25), (-30.0, -10.0), parts, strict=True)
-    return Traces(tuple(TracedPart(what, share, nats, *each) for what, share, nats, each in named))
 
 
 def make_audit(

@@ -37,11 +37,24 @@ class Browser:
         self.errors: list[str] = []
         self.requests: list[str] = []
         self._to, self._from = to_browser, os.fdopen(from_browser, "rb", closefd=False)
-        self._numbers, self._waiting, self._session = itertools.count(1), b"", ""
-        target = self.send("Target.createTarget", url="about:blank")["targetId"]
+        self._numbers, self._waiting, self._session, self._context = itertools.count(1), b"", "", ""
+        self.renew()
+
+    def renew(self, downloads: Path | None = None) -> Browser:
+        """Open a blank page with a storage of its own in the place of the last one, and a folder of downloads."""
+        self._session = ""
+        if self._context:
+            self.send("Target.disposeBrowserContext", browserContextId=self._context)
+        self._context = self.send("Target.createBrowserContext")["browserContextId"]
+        target = self.send("Target.createTarget", url="about:blank", browserContextId=self._context)["targetId"]
+        if downloads is not None:
+            place = {"downloadPath": str(downloads), "browserContextId": self._context}
+            self.send("Browser.setDownloadBehavior", behavior="allow", **place)
         self._session = self.send("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.send(f"{domain}.enable")
+        self.errors, self.requests = [], []
+        return self
 
     def send(self, method: str, **params: Any) -> dict[str, Any]:
         """The result of a command of the protocol."""

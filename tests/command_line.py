@@ -8,18 +8,16 @@ from pathlib import Path
 import numpy as np
 from click.testing import CliRunner
 
-from rpil.cli import terminal
 from rpil.cli.main import main
 from small import FAST
 
-terminal.FIRST = 1e3  # no lines about progress, however long a command takes
 ENV = "MountainCar-v0"
 _RNG = np.random.default_rng(0)
 X, Y, G = _RNG.normal(size=(60, 2)), _RNG.integers(0, 2, 60), np.repeat(np.arange(6), 10)
 
 
 def call(*arguments, settings=FAST):
-    """Invoke the command without lines about progress; `settings` are those of `RPIL`."""
+    """Invoke the command; `settings` are those of `RPIL`."""
     return CliRunner().invoke(main, [str(argument) for argument in arguments], obj=settings)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import typecheck
+from browser import browsing
 
 typecheck.install()
 
@@ -48,6 +49,13 @@ def pytest_collection_modifyitems(items):
 def pytest_runtest_setup():
     """Types are checked in the first calls of each test."""
     typecheck.calls.clear()
+
+
+@pytest.fixture(scope="session")
+def chromium(tmp_path_factory):
+    """One browser for all tests of a process; each renews its page."""
+    with browsing(tmp_path_factory.mktemp("chromium")) as browser:
+        yield browser
 
 
 @pytest.fixture

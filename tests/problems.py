@@ -62,7 +62,7 @@ class Toy:
 
     @property
     def demonstrations(self) -> Demonstrations:
-        return Demonstrations.from_arrays(self.observations, self.actions, self.offsets, self.ids)
+        return Demonstrations(self.observations, self.actions, self.offsets, self.ids)
 
     @property
     def means(self) -> Array:
@@ -268,7 +268,7 @@ def two_styles(
     actions = observations[:, 0] + rng.normal(size=len(observations)) > 0
     second = np.arange(len(observations)) >= n_first * steps
     actions |= second & (observations[:, 1] > above)
-    return Demonstrations.from_arrays(observations, actions.astype(int), offsets), second[offsets[:-1]]
+    return Demonstrations(observations, actions.astype(int), offsets), second[offsets[:-1]]
 
 
 @contextmanager

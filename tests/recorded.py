@@ -14,7 +14,7 @@ def demonstrations(continuous=False, kind="random", ids=None, single=False):
     """120 demonstrations of 20 to 60 steps, `single` with float32 observations."""
     toy = (make_continuous if continuous else make)(kind, 0, n_good=80, n_bad=40, steps=(20, 60))
     observations = toy.observations.astype(np.float32 if single else float)
-    return Demonstrations.from_arrays(observations, toy.actions, toy.offsets, ids)
+    return Demonstrations(observations, toy.actions, toy.offsets, ids)
 
 
 def write_files(table, folder, n_files=3, row_group=333):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import json
 import shutil
 from collections.abc import Callable
@@ -65,14 +64,14 @@ def written(name: str, continuous: bool = True) -> Callable[[Path], Path]:
     return make
 
 
-def _text_table(name: str, separator: str, encoding: str, pack: Callable[[bytes], bytes]) -> Callable[[Path], Path]:
+def _text_table(name: str, separator: str) -> Callable[[Path], Path]:
     def make(folder: Path) -> Path:
         names = ["episode_index", "frame_index", "x", "operator", "action"]
         rows = [[f"é{OWNERS[n]}", n, STATES[n, 0], "Ann, B", MOVES[n, 0]] for n in range(len(OWNERS))]
         lines = (
             separator.join(f'"{value}"' if isinstance(value, str) else str(value) for value in row) for row in rows
         )
-        (folder / name).write_bytes(pack("\n".join([separator.join(names), *lines, ""]).encode(encoding)))
+        (folder / name).write_text("\n".join([separator.join(names), *lines, ""]), encoding="utf-8")
         return folder / name
 
     return make
@@ -122,12 +121,13 @@ def lerobot(folder: Path) -> Path:
     features |= {name: {"dtype": "int64", "shape": [1]} for name in ("episode_index", "index", "task_index")}
     info = {"codebase_version": "v3.0", "fps": 30, "total_episodes": len(LENGTHS), "features": features}
     (path / "meta" / "info.json").write_text(json.dumps(info | {"chunks_size": 1000, "total_frames": len(OWNERS)}))
-    (path / "meta" / "stats.json").write_text(json.dumps({"action": {"min": [0.0, 0.0], "q50": [0.0, 0.0]}}))
+    (path / "meta" / "stats.json").write_text(json.dumps({"action": {"min": [0.0, 0.0]}}))
     pq.write_table(pa.table({"task_index": [0], "task": ["lift"]}), path / "meta" / "tasks.parquet")
     pq.write_table(table(task_index=0 * OWNERS), path / "data/chunk-000/file-000.parquet")
     ends = np.cumsum(LENGTHS)
     rows = {"episode_index": range(len(LENGTHS)), "length": LENGTHS, "dataset_from_index": ends - LENGTHS}
-    rows |= {"dataset_to_index": ends, "stats/index/min": [[float(end)] for end in ends]}
+    rows |= {"dataset_to_index": ends, "stats/action/min": [[0.0, 0.0]] * len(ends)}
+    rows |= {"stats/action/count": [[n] for n in LENGTHS]}
     pq.write_table(pa.table(rows), path / "meta/episodes/chunk-000/file-000.parquet")
     return path
 
@@ -185,9 +185,8 @@ def zarr(zarr_format: int, zipped: bool) -> Callable[[Path], Path]:
 SAMPLES: dict[str, Callable[[Path], Path]] = {
     "CSV": written("a.csv"),
     "CSV of discrete actions": written("b.csv", continuous=False),
-    "CSV, semicolons, Windows": _text_table("c.csv", ";", "cp1252", bytes),
-    "TSV": _text_table("d.tsv", "\t", "utf-8", bytes),
-    "CSV, compressed": _text_table("e.csv.gz", ",", "utf-8", gzip.compress),
+    "CSV, semicolons": _text_table("c.csv", ";"),
+    "TSV": _text_table("d.tsv", "\t"),
     "folder of CSV": csv_folder,
     "JSON lines": json_lines,
     "NPZ": written("f.npz"),

@@ -5,8 +5,6 @@ from __future__ import annotations
 import ast
 import inspect
 import re
-import subprocess
-import sys
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -47,7 +45,7 @@ def imported(source: str, modules: set[str], module: str, is_package: bool = Fal
     `from rpil.data import csv` means the file `rpil.data.csv` where there is one, and else the package.
     """
     found = set()
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(parsed(source)):
         if isinstance(node, ast.Import):
             found |= {name.name for name in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -115,30 +113,24 @@ def test_a_breach_is_seen(module, source):
     assert breaches({module: imported(source, set(graph()), module)})
 
 
-FRESH = """
-import sys
-
-for name in sys.argv[1:]:
-    for module in [module for module in sys.modules if module.partition(".")[0] == "rpil"]:
-        del sys.modules[module]  # as if nothing of it had been imported yet
-    found = getattr(__import__("rpil", fromlist=[name]), name)
-    assert not isinstance(found, type(sys)), name
-"""
-
-
-@pytest.mark.slow
 def test_every_public_name_is_what_it_says_and_no_module():
-    names = sorted(set(rpil.__all__) - {"__version__"})
-    found = subprocess.run([sys.executable, "-W", "error", "-c", FRESH, *names], check=False)
-    assert found.returncode == 0
+    """A room of the same name would stand in its place once it is imported."""
+    assert not {*rpil.__all__} & {*ROOMS}
+    assert not [name for name in rpil.__all__ if inspect.ismodule(getattr(rpil, name))]
 
 
 MAX_BODY, MAX_PARAMETERS, MAX_ANY = 45, 7, 100
 
 
+@cache
+def parsed(source: str) -> ast.Module:
+    """The tree of a source, which several tests look at."""
+    return ast.parse(source)
+
+
 def functions(path):
     """Every function of a file: its name, the lines of its body without the docstring, and its parameters."""
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(parsed(path.read_text())):
         if isinstance(node, ast.FunctionDef):
             body = node.body[1:] if ast.get_docstring(node) else node.body
             lines = body[-1].end_lineno - body[0].lineno + 1 if body else 0
@@ -150,7 +142,7 @@ def functions(path):
 def test_no_two_constants_share_a_name():
     homes: dict[str, list[str]] = {}
     for path in ROOT.rglob("*.py"):
-        for node in ast.parse(path.read_text()).body:
+        for node in parsed(path.read_text()).body:
             targets = [node.target] if isinstance(node, ast.AnnAssign) else getattr(node, "targets", [])
             names = {name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)}
             for name in names:
@@ -174,23 +166,21 @@ WITHOUT_TESTS = {
     "policies/settings.py": "tests/estimators/test_settings.py",
     "mixture/settings.py": "values alone",
     "mixture/adversaries/protocol.py": "a protocol; every adversary is tested",
-    "policies/protocol.py": "a protocol; every policy is tested",
     "scale/protocol.py": "a protocol; every engine is tested",
     "policies/linear.py": "a table of two lines",
     "results/judged.py": "tests/results/test_tasks_columns.py",
     "estimators/task.py": "what RPIL, RMEnt and reweight read; each of them is tested",
     "data/arrays.py": "tests/data/test_demonstrations.py",
-    "formats/csv.py": "every format passes tests/data/test_formats.py",
+    "formats/csv.py": "tests/data/test_csv_variants.py",
     "formats/parquet.py": "as csv.py",
     "formats/table.py": "as csv.py",
-    "formats/dialect.py": "tests/data/test_csv_variants.py",
-    "data/names.py": "as dialect.py",
-    "formats/columns.py": "as dialect.py",
+    "formats/step_arrays.py": "tests/formats/test_array_layout.py",
+    "data/names.py": "as csv.py",
+    "formats/columns.py": "as csv.py",
     "formats/lerobot/checked_folder.py": "tests/formats/lerobot/test_defects.py",
     "formats/recording.py": "as csv.py",
-    "data/npy.py": "tests/data/test_hostile_files.py",
     "data/run.py": "one function, tested with the files that carry its result",
-    "formats/places.py": "as dialect.py",
+    "formats/places.py": "as csv.py",
 }
 """Files of the library that no test file is named after, and why."""
 
@@ -221,7 +211,7 @@ def calls_through_any(source: str) -> list[str]:
 
     Objects of libraries without types have a name of their own, such as ``Estimator = Any``, and are left out.
     """
-    tree = ast.parse(source)
+    tree = parsed(source)
     declared = [node for node in ast.walk(tree) if isinstance(node, ast.AnnAssign) and is_any(node.annotation)]
     fields = {"self." + ast.unparse(node.target).removeprefix("self.") for node in declared}
     calls = []
@@ -263,7 +253,7 @@ def default_settings(source: str) -> list[str]:
     A record of settings may have them, and so may a field that files do not hold: nothing reads it from them.
     """
     found = []
-    nodes = list(ast.parse(source).body)
+    nodes = list(parsed(source).body)
     for node in nodes:
         if getattr(node, "name", "") in PUBLIC:
             continue
@@ -297,7 +287,8 @@ def test_every_file():
     for path in ROOT.rglob("*.py"):
         source = path.read_text()
         assert not re.search(r"^\s*(import|from) (pickle|joblib|dill|cloudpickle)\b", source, re.MULTILINE), path
-        assert [name for name, lines, _ in functions(path) if lines > MAX_BODY] == [], path
-        assert [name for name, _, n in functions(path) if n > MAX_PARAMETERS and name != "__init__"] == [], path
+        found = [*functions(path)]
+        assert [name for name, lines, _ in found if lines > MAX_BODY] == [], path
+        assert [name for name, _, n in found if n > MAX_PARAMETERS and name != "__init__"] == [], path
         assert calls_through_any(source) == [], path
         assert default_settings(source) == [], path

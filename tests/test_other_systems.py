@@ -120,18 +120,3 @@ def test_the_same_without_fork_signals_and_what_only_linux_has(drive, tmp_path, 
     assert [row.split(",")[:2] for row in Path("v.csv").read_text().splitlines()] == [
         row.split(",")[:2] for row in table.splitlines()
     ]
-
-
-def test_names_with_backslashes_lead_to_files(tmp_path, monkeypatch):
-    """As a table that was written on Windows names its pictures."""
-    monkeypatch.chdir(tmp_path)
-    TOOL["write_demonstrations"](Path("drive.csv"))
-    Path("frames").mkdir()
-    header, *rows = Path("drive.csv").read_text().splitlines()
-    lines = [f"{header},image_path", *(f"{row},frames\\{number}.png" for number, row in enumerate(rows))]
-    Path("drive.csv").write_text("\r\n".join(lines) + "\r\n")
-    for number in range(len(rows)):
-        Path(f"frames/{number}.png").write_bytes(b"picture")
-    assert "named files" not in rpil.check("drive.csv").counts
-    Path("frames/7.png").unlink()
-    assert rpil.check("drive.csv").counts["named files"] == 1

@@ -40,6 +40,8 @@ absent = "scipy", "sklearn", "threadpoolctl", "joblib", "jinja2", "markupsafe"
 sys.modules.update(dict.fromkeys(absent))  # as if not installed
 import rpil
 from rpil.cli.main import main
+rpil.Demonstrations
+assert "pyarrow" not in sys.modules
 path = sys.argv[1]
 print(rpil.check(path).headline)
 rpil.write("copy.npz", rpil.read(path))

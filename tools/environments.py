@@ -25,7 +25,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 OLDEST, LATEST = 11, 16
 """Minor versions of Python 3: the first that is supported, and the last that is looked for."""
 
-EXTRAS = "plot,gym,dask,zarr,hdf5,video,review,hub"
+EXTRAS = "plot,gym,dask,zarr,hdf5,video,review"
 NOT_IN_A_COPY = shutil.ignore_patterns(".*", "build", "dist", "*.egg-info", "__pycache__")
 WHEELS_ONLY = ("--only-binary=:all:",)
 """Of others: to build an old version can take an hour, and runs code that nobody reads."""

@@ -113,7 +113,7 @@ def describe(path: Path, on_disk: bool = False) -> None:
 
 
 KEPT = {"robomimic.hdf5": ("demo_0", "demo_10"), "aloha": ("episode_0", "episode_2"), "texts": ("0", "2")}
-KEPT |= dict.fromkeys(("c.csv", "d.tsv", "e.csv.gz"), ("é0", "é2"))
+KEPT |= dict.fromkeys(("c.csv", "d.tsv"), ("é0", "é2"))
 """Ids to keep of samples whose ids are text."""
 
 

@@ -20,9 +20,7 @@ from audits import make_audit
 from browser import Browser, browsing
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
-from rpil.results.answering import looking_order
 from rpil.results.html.page import About, write_page
-from rpil.results.judged import MAX_DRAWN, MAX_POINTS, TracedPart, Traces
 from rpil.results.record import Audit
 
 RUNS = 5
@@ -42,7 +40,7 @@ CLICKS = """(async () => {
 
 
 def audit_of(size: int) -> tuple[Audit, About]:
-    """An audit of so many demonstrations, with sessions, operators, faults, and traces of those that are drawn."""
+    """An audit of so many demonstrations, with sessions, operators and faults."""
     rng = np.random.default_rng(0)
     verdicts = rng.choice(["similar", "open", "outlier"], p=[0.8, 0.1, 0.1], size=size).tolist()
     audit = make_audit(
@@ -52,12 +50,6 @@ def audit_of(size: int) -> tuple[Audit, About]:
         sessions=tuple(f"session {m * 8 // size}" for m in range(size)),
         columns=rng.normal(size=(size, 5)),
     )
-    curve = np.cumsum(rng.normal(size=MAX_POINTS))
-    traces = {}
-    for m in looking_order(audit)[0][:MAX_DRAWN]:
-        own = curve[: int(audit.lengths[m])]
-        parts = (TracedPart(f"joint {j}.pos", 0.3, -9.0, own, own - 1, own + 1) for j in range(3))
-        traces[m] = Traces(tuple(parts))
     findings = tuple(
         Fault(rule, int(m), 3, 9, "x", 1.0, 0.5, 2.0, f"x leaps by {m / 7:.3f} from one step to the next")
         for rule in ("jump", "lag", "saturation")
@@ -65,7 +57,7 @@ def audit_of(size: int) -> tuple[Audit, About]:
     )
     operators = {str(m): f"operator {m % 5}" for m in range(size)}
     faults = FaultReport(findings, {}, {}, {}, {}, size, 1)
-    return replace(audit, traces=traces, fps=30.0), About("Audit", "x.csv", faults=faults, demonstrators=operators)
+    return replace(audit, fps=30.0), About("Audit", "x.csv", faults=faults, demonstrators=operators)
 
 
 def measure(browser: Browser, path: Path) -> list[float]:

@@ -93,10 +93,13 @@ EQUIVALENT = {
     "reasons: looks = vocabulary.upper if log_odds > 0 else vocabulary.lower: 0 -> 1": (
         "Nearer to 0 than the limit another reason is given."
     ),
-    'reasons: found.append(SAID_OF_B[name][int(above < 0.5)] + steps * (name == "length")): '
-    "above < 0.5 -> above <= 0.5": ("What hardly differs is not said."),
-    'reasons: sign = 1 if side == "upper" else -1: 1 -> 2': "Both sides of a comparison are multiplied by it.",
-    "reasons: parts += [STYLES[name][above > 0]] if abs(above) >= MIN_STYLE else []: above > 0 -> above >= 0": (
+    'reasons: found.append(words[above > 0.5] + steps * (name == "length")): above > 0.5 -> above >= 0.5': (
+        "What hardly differs is not said."
+    ),
+    'reasons: sign = 1 if SIDES[verdict] == "upper" else -1: 1 -> 2': (
+        "Both sides of a comparison are multiplied by it."
+    ),
+    "reasons: parts += [RANKS[name][2:][above > 0]] if abs(above) >= MIN_STYLE else []: above > 0 -> above >= 0": (
         "Nearer to 0 than the limit it has no style."
     ),
     'tasks: verdicts[m] = "good" if signs[m] > 0 else "bad": signs[m] > 0 -> signs[m] >= 0': "None of these is 0.",
@@ -106,9 +109,8 @@ EQUIVALENT = {
     "groups: return log_likelihood, Groups(0.0, mean, spread, share, noise, np.zeros(1)): 1 -> 2": (
         "The quantiles are filled in later."
     ),
-    "whole_rules: return lengths, np.where(lengths > high, high, low), np.where(self.is_cut, cut, severity): "
+    "whole_rules: return lengths, np.where(lengths > high, high, low), severity: "
     "lengths > high -> lengths >= high": "What is as long as the limit is no fault.",
-    "still: counted = np.append(0, np.cumsum(counts)): 0 -> 1": "Only differences are taken.",
     'rule: return cause.rule != "length" or cause.value > cause.threshold: '
     "cause.value > cause.threshold -> cause.value >= cause.threshold": "What is as long as the limit is no fault.",
     "whole_rules: last = np.maximum.reduceat(np.where(moves, steps, -1), offsets[:-1]): 1 -> 2": (

@@ -39,7 +39,6 @@ def write_demonstrations(path: Path, n_demonstrations: int = 12, n_steps: int = 
 
 def codes_of(command: str, path: Path) -> set[CodeType]:
     """The functions and class bodies of rpil that a command runs on a file."""
-    from rpil.cli import terminal
     from rpil.cli.main import main as run
 
     codes: set[CodeType] = set()
@@ -48,7 +47,6 @@ def codes_of(command: str, path: Path) -> set[CodeType]:
         if event == "call":
             codes.add(frame.f_code)
 
-    terminal.FIRST = 3600.0  # what runs does not depend on how long it takes
     threading.setprofile(note)
     sys.setprofile(note)
     try:

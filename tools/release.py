@@ -25,7 +25,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-EXTRAS = ("plot", "gym", "torch", "dask", "zarr", "hdf5", "video", "review", "hub")
+EXTRAS = ("plot", "gym", "torch", "dask", "zarr", "hdf5", "video", "review")
 LIBRARIES_OF_SIZE = 4_000_000
 """Bytes of wheel and source distribution at most: what is bundled is a quarter of a megabyte."""
 

@@ -49,9 +49,7 @@ def toy(kind: str, continuous: bool = False, n_good: int = 12, n_bad: int = 8, s
     bad = np.repeat(np.arange(n_good + n_bad) >= n_good, lengths)
     actions = np.where(bad[:, None] if continuous else bad, spoiled, actions)
     ids = [f"d{m}" for m in range(n_good + n_bad)]
-    return rpil.Demonstrations.from_arrays(
-        x, actions, np.append(0, np.cumsum(lengths)), ids, observation_names=["x", "v"]
-    )
+    return rpil.Demonstrations(x, actions, np.append(0, np.cumsum(lengths)), ids, observation_names=["x", "v"])
 
 
 def many(continuous: bool = False) -> Any:

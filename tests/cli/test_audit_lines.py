@@ -99,7 +99,6 @@ def test_a_verdict_has_a_place_and_no_probability_where_it_is_open(capsys):
 def test_outliers_of_operators_are_counted(capsys):
     text = "\n".join(printed(KINDS["operators"], capsys))
     assert "Outliers by operator: operator 0 4 of 4, operator 1 4 of 4, operator 2 4 of 4." in text
-    assert "To judge within each operator: --session operator" in text
 
 
 def test_no_fault_is_a_sentence_and_one_is_one(capsys):

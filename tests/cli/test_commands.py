@@ -14,7 +14,7 @@ from command_line import G, npz, refused
 
 def test_failed_write_keeps_old_files(monkeypatch):
     npz("data.npz")
-    for name in ("r.html", "w.csv", "policy"):
+    for name in ("w.csv", "policy"):
         Path(name).write_text("old")
 
     def full(*arguments):
@@ -22,7 +22,6 @@ def test_failed_write_keeps_old_files(monkeypatch):
 
     monkeypatch.setattr("os.replace", full)
     data = "data.npz"
-    refused("r.html: it cannot be written .No space left", "audit", data, "--report", "r.html")
     refused("w.csv: it cannot be written .No space left", "audit", data, "--weights", "w.csv")
     refused("policy: it cannot be written .No space left", "fit", data, "-o", "policy")
 
@@ -33,11 +32,3 @@ def test_ids_with_control_characters_are_escaped():
     result = subprocess.run(command, capture_output=True, env=os.environ | {"PYTHONIOENCODING": "ascii"})
     assert result.returncode == 0, result.stderr
     assert b"\x1b" not in result.stdout
-
-
-def test_process_prints_one_sentence_and_no_traceback():
-    command = [Path(sys.executable).parent / "rpil", "audit", "nothing.csv", "--format", "json", "--quiet"]
-    result = subprocess.run(command, capture_output=True, text=True)
-    assert result.returncode == 2
-    assert result.stdout == ""
-    assert result.stderr == "rpil: nothing.csv: there is no such file or folder; check the path.\n"

@@ -10,7 +10,7 @@ import rpil
 from command_line import call, ok, refused
 from lerobot_folders import write as write_folder
 from recordings import write_recording
-from rpil.cli.exchange import NumberedFinding, markdown, of_faults, sarif
+from rpil.cli.exchange import Numbered, markdown, of_faults, sarif
 from rpil.faults.report import NUMBERS, OF_AUDIT, RULE_NAMES, RULES
 from rpil.faults.rule import Fault
 from rpil.inference.findings import FINDINGS
@@ -154,7 +154,7 @@ def test_sarif_names_the_file_of_a_folder_and_its_row(tmp_path):
 
 
 def test_fingerprints_of_equal_places_differ():
-    log = sarif([NumberedFinding("RPIL-204", "meta/stats.json", text) for text in "ab"], "set")
+    log = sarif([Numbered("RPIL-204", "meta/stats.json", text) for text in "ab"], "set")
     assert len(check_sarif(log)) == 2
 
 
@@ -177,12 +177,12 @@ def test_markdown_of_a_check():
 
 
 def test_markdown_shows_text_of_a_file_as_it_is():
-    text = markdown("x", "y", [NumberedFinding("RPIL-108", "a|b\n<img> @me [l](http://h)", "*s*")] * 200)
+    text = markdown("x", "y", [Numbered("RPIL-108", "a|b\n<img> @me [l](http://h)", "*s*")] * 200)
     row = text.splitlines()[8]
     assert row == r"| RPIL-108 | a\|b \<img\> @me \[l\](http://h) | \*s\* |".replace("@", "@\u200b").replace(
         "://", ":\u200b//"
     )
     assert text.count("| RPIL-108 |") == 100
-    address = markdown("x", "y", [NumberedFinding("RPIL-108", "www.evil.com WWW.evil.com", "www")])
+    address = markdown("x", "y", [Numbered("RPIL-108", "www.evil.com WWW.evil.com", "www")])
     assert "| www\u200b.evil.com WWW\u200b.evil.com | www |" in address
     assert "100 more" in text

@@ -131,7 +131,6 @@ def with_missing(name, *bad):
 
 
 def test_every_command_reads_the_demonstrations_that_are_asked_for(data):
-    small = write("small.parquet", 16, {3, 5, 8, 9, 12}, 1)
     few = ["--only", "0-15", "--without", "3,7", "--observations", "x,v"]
     said = json.loads(ok("info", data, *few, "--format", "json").stdout)
     assert (said["demonstrations"], said["notes"]) == (14, ["14 of 24 demonstrations are read, as asked."])
@@ -143,29 +142,24 @@ def test_every_command_reads_the_demonstrations_that_are_asked_for(data):
     assert [*dict.fromkeys(rows["episode_index"].astype(int).tolist())] == ids
     ok("convert", data, *few, "-o", "some.csv")
     assert list(formats.read("some.csv").ids) == ids
-    assert "14 demonstrations (" in ok("fit", data, "-o", "policy", *few).stdout
     kept = ok("keep", data, *few, "-o", "kept.parquet").stdout
     assert f"Kept {len(formats.read('kept.parquet'))} of 24 demonstrations" in kept
     assert {*formats.read("kept.parquet").ids} <= {*ids}
-    assert audited(small, "--only", "0-15")["demonstrations"] == audited(small)["demonstrations"]
-    for command in (["info"], ["audit"], ["keep", "-o", "k.parquet"], ["convert", "-o", "k.csv"], ["label"]):
-        refused("no demonstration is called '77'", command[0], data, *command[1:], "--only", "77")
+    refused("no demonstration is called '77'", "label", data, "--only", "77")
 
 
 LINE = "Set aside: 4, 20, because a value is missing or infinite."
 
 
-@pytest.mark.parametrize("stream", [[], ["--memory", "70kB"]], ids=["memory", "disk"])
-def test_demonstrations_with_missing_values_never_stop_the_rest(stream):
-    data = with_missing("d.parquet", 4, 20)
-    in_memory = [["fit", "-o", "policy"], ["convert", "-o", "k.csv"]]
-    for command in (["info"], ["audit"], ["keep", "-o", "k.parquet"], *([] if stream else in_memory)):
-        words = [command[0], data, *command[1:], "--observations", "x,v", *stream]
-        if command != ["info"]:  # which describes them
+def test_demonstrations_with_missing_values_never_stop_the_rest():
+    data, on_disk = with_missing("d.parquet", 4, 20), ["--memory", "70kB"]
+    for command in (["info", *on_disk], ["audit", *on_disk], ["keep", "-o", "k.parquet"], ["convert", "-o", "k.csv"]):
+        words = [command[0], data, *command[1:], "--observations", "x,v"]
+        if command[0] != "info":  # which describes them
             refused("demonstration 4", *words)
         result = ok(*words, "--skip-bad")
         assert (result.stdout + result.stderr).count(LINE) == 1
-        if "-o" in command and command[2] != "policy":
+        if "-o" in command:
             assert not {4, 20} & {*formats.read(command[2]).ids}
 
 

@@ -11,8 +11,6 @@ import pyarrow.parquet as pq
 import rpil
 from asked import BAD, write
 from command_line import call, ok, refused
-from rpil.cli.options import CHOICE_RULES
-from rpil.results.choice import RULES_OF_VERDICTS
 
 FEW, MANY = 24, 12
 """Numbers of demonstrations of which the four bad ones are less and more than a fifth."""
@@ -37,9 +35,6 @@ def test_an_audit_lists_what_keep_keeps():
     assert listed["rejected"] == {"labels": [3, 8], "answers": [5, 9]}
     ok("keep", data, "-o", "k.parquet", *COLUMNS, *more, "-q")
     assert kept_in("k.parquet") == {*listed["episodes"]}
-    ok("keep", data, "-o", "k.parquet", *COLUMNS, *more, "--ignore", "labels", "--ignore", "answers, outcome", "-q")
-    assert kept_in("k.parquet") == {*range(FEW)}
-    assert ("labels", "outcome", *RULES_OF_VERDICTS.values()) == CHOICE_RULES
 
 
 SUCCESS = {"success": np.repeat([m not in {2, 3} for m in range(FEW)], 40).astype(int)}
@@ -48,7 +43,7 @@ SUCCESS = {"success": np.repeat([m not in {2, 3} for m in range(FEW)], 40).astyp
 def test_an_outcome_of_zero_rejects_at_once():
     data = write("d.parquet", FEW, **SUCCESS, who=np.repeat(["ann", "bob"], 480))
     words = [data, *COLUMNS, "--outcome", "success", "--operator", "who"]
-    printed = ok("keep", *words, "-o", "k.parquet", "--ignore", "answers", "-q").stdout.splitlines()
+    printed = ok("keep", *words, "-o", "k.parquet", "-q").stdout.splitlines()
     assert printed[1:] == ["Rejected: 2 by success = 0.", "  by success = 0: 2 and 3"]
     assert kept_in("k.parquet") == {*range(FEW)} - {2, 3}
     shown = ok("audit", *words, "--verdicts", "v.csv", "--report", "r.html", "-q").stdout
@@ -102,26 +97,25 @@ def with_jumps(name, faulty, n=MANY):
     states = np.cumsum(rng.normal(0, 0.05, (n, 80, 2)), axis=1)
     actions = states @ [1.0, -0.5] + rng.normal(0, 0.02, (n, 80))
     states[sorted(faulty), 40:, 0] += 20
-    np.savez(
-        name, observations=states.reshape(-1, 2), actions=actions.reshape(-1, 1), episode_ids=np.repeat(range(n), 80)
-    )
+    steps = states.reshape(-1, 2), actions.reshape(-1, 1), np.repeat(range(n), 80)
+    rpil.write(name, rpil.Demonstrations.from_groups(*steps))
     return name
 
 
 def test_faults_that_are_named_are_rejected():
-    data, faulty = with_jumps("jumps.npz", {2, 7, 11}), {2, 7, 11}
+    data, faulty = with_jumps("jumps.parquet", {2, 7, 11}), {2, 7, 11}
     Path("labels.csv").write_text("id,label\n2,good\n3,bad\n4,good\n")
     found = json.loads(ok("check", data, "--format", "json").stdout)["findings"]
     assert {one["id"] for one in found if one["rule"] == "jump"} == faulty
     call_of = ["keep", data, "--verdicts", "labels.csv", "-q", "-o"]
-    printed = ok(*call_of, "k.npz", "--without-faults", "Jump", "--without-faults", "spike,frozen-sensor").stdout
+    printed = ok(*call_of, "k.parquet", "--without-faults", "Jump", "--without-faults", "spike,frozen-sensor").stdout
     assert "1 by your labels, 3 with a fault that was named." in printed
-    assert kept_in("k.npz") == {*range(MANY)} - faulty - {3}, "also those that the labels do not name"
+    assert kept_in("k.parquet") == {*range(MANY)} - faulty - {3}, "also those that the labels do not name"
     ok("audit", data, "--keep", "k.json", "--without-faults", "jump", "-q")
     assert json.loads(Path("k.json").read_text())["rejected"]["faults"] == sorted(faulty)
-    refused("there is no rule 'jumps'; perhaps it is 'jump'", *call_of, "n.npz", "--without-faults", "jumps")
+    refused("there is no rule 'jumps'; perhaps it is 'jump'", *call_of, "n.parquet", "--without-faults", "jumps")
     refused("the rules are", "audit", data, "--keep", "n.json", "--without-faults", "jump,all")
-    said = ok(*call_of, "k.npz", "--without-faults", "dropped frames,jump").stderr
+    said = ok(*call_of, "k.parquet", "--without-faults", "dropped frames,jump").stderr
     assert re.fullmatch(r"note: --without-faults: dropped frames was not checked, because [^\n]+\.\n", said)
 
 
@@ -147,10 +141,9 @@ def test_what_is_no_table_of_verdicts_is_named():
 
 def test_the_command_to_run_next_does_not_repeat_the_memory_of_this_one():
     data = write("d.parquet", FEW)
-    for command, last in (("info", "Next: "), ("audit", "Then run: ")):
-        printed = ok(command, data, *COLUMNS, "--memory", "70kB").stdout
-        [line] = [line for line in printed.splitlines() if line.startswith(last)]
+    printed = ok("audit", data, *COLUMNS, "--memory", "70kB", "--verdicts", "v.parquet").stdout
+    for text, last in ((ok("info", data, *COLUMNS, "--memory", "70kB").stdout, "Next: "), (printed, "Then run: ")):
+        [line] = [line for line in text.splitlines() if line.startswith(last)]
         assert "--memory" not in line
-    ok("audit", data, *COLUMNS, "--memory", "70kB", "-q", "--verdicts", "v.parquet")
     said = json.loads(pq.read_schema("v.parquet").metadata[b"rpil.provenance"])
     assert "--memory 70kB" in said["command"]

@@ -86,7 +86,6 @@ WEIGHTS = "policy/weights.npy"
         (WEIGHTS, np.ones((3, 3), dtype=np.float32)),
         (WEIGHTS, np.ones((4, 3))),
         (WEIGHTS, np.full((3, 3), np.nan)),
-        ("features/scale.npy", np.ones(1)),
         ("classes.npy", np.arange(4)),
         ("classes.npy", np.array([2, 1, 0])),
     ],

@@ -11,7 +11,7 @@ OFFSETS = [0, 2, 5]
 
 def small(**changes):
     arguments = {"observations": X, "actions": Y, "offsets": OFFSETS, "ids": ["a", "b"], "source": "x.npz"} | changes
-    return Demonstrations.from_arrays(**arguments)
+    return Demonstrations(**arguments)
 
 
 def refusal(match, call, *arguments, **keywords):
@@ -29,27 +29,21 @@ def test_properties():
     assert d.is_discrete
     assert d.observation_names == ("0", "1")
     assert "2 demonstrations, 5 steps, 2 observations, discrete" in repr(d)
-    many = Demonstrations.from_arrays(np.zeros((25518, 1)), np.zeros(25518), [0, 25518])
+    many = Demonstrations(np.zeros((25518, 1)), np.zeros(25518), [0, 25518])
     assert "1 demonstrations, 25,518 steps" in repr(many)
     assert small(ids=None).ids == (0, 1)
     assert small(ids=np.array([7, 3])).ids == (7, 3)
     assert type(small(ids=np.array([7, 3])).ids[0]) is int
 
 
-def test_a_position_is_an_episode_and_more_are_demonstrations():
+def test_a_position_is_an_episode():
     d = small()
     for episode in (d[1], d[-1], d[np.int64(1)], [*d][1]):
         observations, actions = episode
         assert observations.tolist() == X[2:].tolist()
         assert actions.tolist() == [1, 0, 2]
-    assert [list(part.ids) for part in (d[1:], d[::-1], d[[1]], d[np.array([True, False])])] == [
-        *(["b"], ["b", "a"], ["b"], ["a"])
-    ]
-    assert isinstance(d[1:], Demonstrations)
-    assert d[::-1].actions.tolist() == [1, 0, 2, 0, 1]
     with pytest.raises(IndexError):
         d[2]
-    refusal(r"x.npz: \['b'\] takes a position; that of an id is .ids.index\('b'\)", d.__getitem__, "b")
 
 
 def test_arrays_are_read_only_and_the_callers_stay_writable():
@@ -138,7 +132,7 @@ def changed(array, row, column, value):
         ({"offsets": [0]}, "there are no demonstrations"),
         ({"actions": Y[:4]}, "5 observations but 4 actions"),
         ({"observations": X.astype(str)}, "observations hold text, not numbers"),
-        ({"observations": X[:, 0]}, r"x.npz: observations must be \(N, D\), not \(N,\); .*reshape\(-1, 1\)"),
+        ({"observations": X[:, 0]}, r"x.npz: observations must be \(N, D\), not \(5,\); .*reshape\(-1, 1\)"),
         ({"observations": X.reshape(5, 2, 1)}, r"flatten each one"),
         ({"observations": [[1, 2], [3]]}, "rectangular"),
         ({"observations": X.astype(complex)}, "not complex128"),
@@ -147,12 +141,11 @@ def changed(array, row, column, value):
         ({"actions": np.zeros((5, 2), dtype=int)}, "number the combinations"),
         ({"actions": np.ones((5, 2, 2))}, "neither .N,. discrete nor .N, A. floats"),
         ({"actions": np.full(5, 2**63, dtype=np.uint64)}, "renumber"),
-        ({"actions": [2**63, -1, 0, 0, 0]}, "whole numbers of over 64 bits"),
-        ({"actions": ["a", "a\0", "b", "b", "b"]}, "actions hold the character NUL"),
-        ({"ids": ["a", "a\0"]}, "the id of demonstration number 1 holds the character NUL"),
-        ({"ids": ["a", ""]}, "the id of demonstration number 1 is empty"),
-        ({"ids": ["a", "b" * 1001]}, "the id of demonstration number 1 has 1,001 characters"),
-        ({"ids": [0, 10**5000]}, "the id of demonstration number 1 has over 64 bits"),
+        *(
+            ({"ids": ["a", name]}, "the id of demonstration number 1 must be .* 1 to 1,000 characters of Unicode")
+            for name in ("a\0", "", "b" * 1001, "\ud800")
+        ),
+        ({"ids": [0, 10**5000]}, "the id of demonstration number 1 must be a whole number of 64 bits"),
         ({"observation_names": np.array("uv")}, r"must be a list, not of shape \(\)"),
         ({"ids": ["a", "a"]}, "demonstration 'a' appears twice"),
         ({"ids": [0.5, 1]}, "all whole numbers or all text"),

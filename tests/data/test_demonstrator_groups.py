@@ -9,7 +9,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.demonstrator_groups import Demonstrators, group_by_demonstrator
 from rpil.data.errors import DataError
 
-DATA = Demonstrations.from_arrays(np.ones((3, 1)), [0, 1, 0], [0, 1, 2, 3], ids=["a", "b", "c"], source="x.npz")
+DATA = Demonstrations(np.ones((3, 1)), [0, 1, 0], [0, 1, 2, 3], ids=["a", "b", "c"], source="x.npz")
 
 
 def test_demonstrators_inform_only_where_two_or_more_gave_two_or_more():
@@ -45,7 +45,7 @@ def test_demonstrators_are_grouped_by_id_or_in_order():
     ("given", "message"),
     [
         ({"d": "Ann"}, "no demonstration is called 'd'"),
-        (["Ann", "\ud800", "Bob"], "demonstration 'b': the demonstrator holds a character that is not Unicode"),
+        (["Ann", "\ud800", "Bob"], "demonstration 'b': the demonstrator must be .* characters of Unicode"),
         (["Ann"], r"shape \(1,\); give one for each of the 3"),
     ],
 )

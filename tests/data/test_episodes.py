@@ -14,7 +14,6 @@ from rpil.data.errors import DataError
 T = 4
 X = np.arange(15.0).reshape(5, 3)  # with the observation after the last action
 Y = np.array([0, 1, 1, 0])
-STEPS = [{"observation": x, "action": a, "reward": 1.0} for x, a in zip(X[:T], Y, strict=True)]
 
 
 @dataclass
@@ -40,9 +39,6 @@ class DictObs:
         {"obs": X, "acts": Y},
         SimpleNamespace(observations=X, actions=Y, infos={}),
         SimpleNamespace(obs=X, acts=Y, terminal=True),
-        STEPS,
-        [*STEPS, {"observation": X[T], "action": None}],
-        [{"obs": x, "acts": a} for x, a in zip(X, Y, strict=False)],
     ],
 )
 def test_forms_of_an_episode(episode):
@@ -86,7 +82,7 @@ def test_parts_of_actions_are_one_continuous_action():
         (({"a": X, "b": X[:3]}, Y), "demonstration 1: observation 'b' has 3 steps, not 5"),
         (({}, Y), "demonstration 1: 0 observations but 4 actions|there are no observations"),
         ((X, Y), "demonstration 1: its names differ"),
-        ([{"observation": {"a": X[0]}, "action": 0}, {"observation": {"b": X[0]}, "action": 0}], "different parts"),
+        (([{"a": X[0]}, {"b": X[0]}], Y[:2]), "different parts"),
         ({"observation": 1, "action": 0}, "no steps"),
         (None, "one pair"),
     ],

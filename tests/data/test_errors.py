@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from rpil.data.errors import DataError, MissingExtraError, user_stack_level
+from rpil.data.errors import DataError, MissingExtraError
 
 
 def test_an_error_of_another_process_arrives():
@@ -27,13 +27,6 @@ def test_an_option_is_spelt_for_python_and_for_the_shell(options, python, shell)
     error = copy.copy(DataError("id=4.csv: read it with <option> or <option>.", options))  # as pickling does
     assert (str(error), error.in_shell) == (f"id=4.csv: read it {python}", f"id=4.csv: read it {shell}")
     assert DataError("name it with <option>", "id").in_shell == "name it with --id"
-
-
-def test_stack_level_is_that_of_the_first_caller_outside_the_library():
-    inside = {"__name__": "rpil.data.some", "user_stack_level": user_stack_level}
-    exec("def inner(): return user_stack_level()\ndef outer(): return inner()", inside)
-    assert inside["inner"]() == 2  # the frame of `inner` itself is 1
-    assert inside["outer"]() == 3
 
 
 @pytest.mark.parametrize("text", ["x" * 100_000, "x y\n" * 30_000, "it's " * 30_000, "\"'" * 50_000, "\\" * 90_000])

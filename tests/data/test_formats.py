@@ -1,5 +1,4 @@
 import os
-from functools import partial
 
 import numpy as np
 import pyarrow as pa
@@ -19,7 +18,7 @@ def demonstrations(dtype=np.float64, **changes):
     with np.errstate(over="ignore", under="ignore"):
         observations = np.clip(NASTY, -1e38, 1e38).astype(dtype) if dtype == np.float32 else np.array(NASTY)
     arguments = {"actions": [1, 0, 2, 1, 0], "offsets": [0, 2, 5], "ids": ["b,\"'é", "a"]} | changes
-    return Demonstrations.from_arrays(observations, **arguments)
+    return Demonstrations(observations, **arguments)
 
 
 def same(one, other, dtype=None):
@@ -202,18 +201,6 @@ def test_bad_npz(tmp_path, changes, match):
     refused_file(match, formats.read, npz(tmp_path / "x.npz", **changes))
 
 
-def test_options_of_columns_hold_for_npz(tmp_path):
-    path = npz(tmp_path / "x.npz", t=[0, 2, 1], episode_ids=[7, 7, 7], actions=[5, 6, 7])
-    assert formats.read(path, exclude="0").observation_names == ("1",)
-    assert formats.read(path, order="t").actions.tolist() == [5, 7, 6]
-    refused_file("no column is called 'time'", partial(formats.read, order="time"), path)
-
-
-def test_npz_truth_is_never_read(tmp_path):
-    path = npz(tmp_path / "x.npz", is_good=np.array([None, object()], dtype=object), episode_ids=[5, 2, 5])
-    assert formats.read(path).ids == (5, 2)
-
-
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_bad_truth(tmp_path, suffix):
     path = tmp_path / f"x{suffix}"
@@ -221,15 +208,3 @@ def test_bad_truth(tmp_path, suffix):
         refused_file("would be taken for data", formats.write, path, demonstrations(), {name: [0, 1]})
     refused_file("one value for each of 2", formats.write, path, demonstrations(), {"is_good": [0]})
     assert not path.exists()
-
-
-def test_only_what_reads_and_writes_imports_pyarrow():
-    import subprocess
-    import sys
-
-    uses = "import sys, rpil, rpil.cli.main; rpil.simulate, rpil.Demonstrations"
-    for code, imports_it in ((uses, 0), (f"{uses}; rpil.read", 1)):
-        assert (
-            subprocess.run([sys.executable, "-c", f"{code}; sys.exit('pyarrow' in sys.modules)"]).returncode
-            == imports_it
-        )

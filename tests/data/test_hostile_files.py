@@ -106,7 +106,6 @@ FILES = {
     "giant-names.npz": (giant(npz(), "observation_names.npy", zipfile.ZIP_DEFLATED), READ),
     "giant-weights.rpil": (giant(model, "policy/weights.npy"), LOAD),
     "short.npz": (short_npz, READ),
-    "twice.npz": (twice(npz(), "observations.npy"), READ),
     "twice.rpil": (twice(model, "policy/weights.npy"), LOAD),
     "constants.parquet": (constants, READ),
     "long-id.csv": (long_csv_id, READ),
@@ -137,7 +136,6 @@ def test_the_figures_are_named(ends):
     for name, size in (("giant-names.npz", "14.0 GB"), ("constants.parquet", "1.0 GB")):
         assert f"would take {size} of memory, more than the 0.3 GB that it may" in ends[0][name][1]
     assert "more than the file" in ends[0]["giant-weights.rpil"][1]
-    assert "twice.npz: it holds two arrays of one name" in ends[0]["twice.npz"][1]
 
 
 def test_no_file_takes_more_than_one_gib(ends):

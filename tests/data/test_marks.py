@@ -21,9 +21,9 @@ def test_rows_and_demonstrations_stand_in_one_file(tmp_path):
     path.write_text(
         'id,label,start,end\n"a, b",bad,5,9\n4,good,,\n"say ""x""",GOOD, 0 , 30.0\né\u2028z,bad,1,2\n9,bad,1,2\n'
     )
-    rows = read_answer_rows(path, IDS)
+    rows = read_answer_rows(path)
     assert marks_of(rows).tolist() == [[0, 5, 9, -1], [1, 0, 30, 1], [2, 1, 2, -1]]
-    assert read_answers(path, IDS) == ({"4": "good"}, {})
+    assert read_answers(path) == ({"4": "good"}, {})
 
 
 @pytest.mark.parametrize(
@@ -52,15 +52,15 @@ def test_rows_are_good_or_bad_and_not_both():
 def test_a_written_mark_replaces_that_of_the_same_rows_alone(tmp_path):
     path = tmp_path / "labels.csv"
     before = b"id,label,mine\n4,bad,x\n"
-    write_answers(path, before, [AnswerRow("4", "bad", "", 1, 5), AnswerRow(IDS[0], "good", "a note", 2, 3)], IDS)
+    write_answers(path, before, [AnswerRow("4", "bad", "", 1, 5), AnswerRow(IDS[0], "good", "a note", 2, 3)])
     assert path.read_text().splitlines()[0] == "id,label,mine,note,start,end"
-    write_answers(path, path.read_bytes(), [AnswerRow("4", "good", "", 1, 5)], IDS)
-    rows = read_answer_rows(path, IDS)
+    write_answers(path, path.read_bytes(), [AnswerRow("4", "good", "", 1, 5)])
+    rows = read_answer_rows(path)
     assert {(row.id, row.label, row.start, row.end) for row in rows} == {
         ("4", "bad", "", ""), (IDS[0], "good", "2", "3"), ("4", "good", "1", "5")
     }  # fmt: skip
-    write_answers(path, path.read_bytes(), [AnswerRow("4", "good")], IDS)
-    assert len(read_answer_rows(path, IDS)) == 3
+    write_answers(path, path.read_bytes(), [AnswerRow("4", "good")])
+    assert len(read_answer_rows(path)) == 3
 
 
 def recording(n=10):

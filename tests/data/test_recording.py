@@ -11,11 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from rpil import formats
-from rpil.data.arrays import as_actions
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.formats import ColumnOptions, read_recording, write_weights
-from samples import assert_same_on_disk
 
 M, T = 6, 30
 N = M * T
@@ -116,12 +114,6 @@ def test_a_column_that_repeats_values_is_no_order(tmp_path):
         formats.read(tmp_path / "a.parquet", order="frame_index")
 
 
-def test_on_disk_rows_out_of_order_are_sorted(tmp_path, monkeypatch):
-    monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 7)
-    pq.write_table(TABLE.take(SHUFFLED), tmp_path / "b.parquet")
-    assert_same_on_disk(tmp_path / "b.parquet")
-
-
 KINDS = {
     "few": (np.arange(200) % 10, "discrete"),
     "many with ten steps each": (np.arange(1000) % 100, "discrete"),
@@ -167,9 +159,3 @@ def test_names_of_actions_are_written_where_they_are_read_back(tmp_path, suffix,
     back = formats.read(tmp_path / f"a{suffix}")
     assert back.action_names == read
     np.testing.assert_array_equal(back.actions, actions)
-
-
-def test_an_action_kind_that_cannot_be():
-    for values, wanted in ((np.array(["a", "b"]), "continuous"), (np.array([0.5, 1.0]), "discrete")):
-        with pytest.raises(DataError, match=f"which cannot be {wanted}; leave out the action kind"):
-            as_actions(values, "here", wanted)

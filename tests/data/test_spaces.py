@@ -7,7 +7,6 @@ import pytest
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.id_values import label_codes
 from rpil.data.spaces import Box, Discrete, action_space, encode_actions
 
 
@@ -38,7 +37,6 @@ def test_discrete_actions_may_start_anywhere():
     np.testing.assert_array_equal(space.flip(np.array([5, 6, 7])), [7, 6, 5])
     np.testing.assert_array_equal(space.shift(np.array([5, 6, 7])), [6, 7, 5])
     assert set(space.draw(200, np.random.default_rng(0))) == {5, 6, 7}
-    assert space.expected == "one action 5 to 7"
 
 
 @pytest.mark.parametrize("answer", [[5, 7], [5.0, 7.0], np.array([5, 7], dtype=np.uint8)])
@@ -48,7 +46,7 @@ def test_whole_numbers_among_the_actions_are_executed(answer):
     np.testing.assert_array_equal(actions, [5, 7])
 
 
-@pytest.mark.parametrize("answer", [[0, 5], [5, 8], [5.5, 6], [np.nan, 5], [np.inf, 5], ["5", "6"], [[5], [6]], [5]])
+@pytest.mark.parametrize("answer", [[0, 5], [5, 8], [5.5, 6], [np.nan, 5], [np.inf, 5], [[5], [6]], [5]])
 def test_other_answers_are_not_executed(answer):
     assert Discrete(3, start=5).executed(np.asarray(answer), 2) is None
 
@@ -61,7 +59,6 @@ def test_a_box_clips_and_takes_the_precision_of_its_bounds():
     np.testing.assert_array_equal(box.executed(np.array([[3, 4]]), 1), [[1, 4]])
     assert box.executed(np.empty((0, 2)), 0).shape == (0, 2)
     assert str(box) == "continuous actions (-1 to 1, 0 to 10)"
-    assert box.expected == "2 finite numbers"
 
 
 @pytest.mark.parametrize(
@@ -89,8 +86,8 @@ def test_no_uniform_draw_without_bounds():
 
 
 X, OFFSETS = np.zeros((4, 1)), [0, 1, 4]
-WORDS = Demonstrations.from_arrays(X, np.array(["up", "down", "up", "left"]), OFFSETS, ids=["a", "b"])
-MOVES = Demonstrations.from_arrays(X, np.array([[0.0], [2.0], [1.0], [-1.0]]), OFFSETS, ids=["a", "b"])
+WORDS = Demonstrations(X, np.array(["up", "down", "up", "left"]), OFFSETS, ids=["a", "b"])
+MOVES = Demonstrations(X, np.array([[0.0], [2.0], [1.0], [-1.0]]), OFFSETS, ids=["a", "b"])
 
 
 def test_continuous_actions_have_a_box():
@@ -108,8 +105,8 @@ def test_actions_too_small_to_be_squared_are_refused():
     for size in (1e-300, 1e-155):
         actions = np.concatenate([still, MOVES.actions * size], axis=1)
         with pytest.raises(DataError, match=r"action 1 varies by less than 1e-150.*use smaller units"):
-            action_space(Demonstrations.from_arrays(X, actions, OFFSETS, ids=["a", "b"]))
-    small = Demonstrations.from_arrays(X, MOVES.actions * 1e-100, OFFSETS, ids=["a", "b"])
+            action_space(Demonstrations(X, actions, OFFSETS, ids=["a", "b"]))
+    small = Demonstrations(X, MOVES.actions * 1e-100, OFFSETS, ids=["a", "b"])
     assert action_space(small)[0].high.tolist() == [2e-100]
 
 
@@ -124,13 +121,4 @@ def test_codes_are_places_among_the_classes(classes):
 
 def test_actions_of_one_class_are_refused():
     with pytest.raises(DataError, match="one class only"):
-        action_space(Demonstrations.from_arrays(X, np.zeros(4, dtype=int), OFFSETS))
-
-
-def test_labels_are_signs():
-    assert label_codes({"b": "expert"}, WORDS.ids).tolist() == [0, 1]
-    assert label_codes({"a": "adversary"}, WORDS.ids).tolist() == [-1, 0]
-    assert label_codes({}, WORDS.ids).tolist() == [0, 0]
-    assert label_codes({"a": "adversary", "b": "adversary"}, WORDS.ids).tolist() == [-1, -1]
-    with pytest.raises(DataError, match="unknown label 'great'"):
-        label_codes({"a": "great"}, WORDS.ids)
+        action_space(Demonstrations(X, np.zeros(4, dtype=int), OFFSETS))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rpil.data.text import counted, duration, listed, moment, one_line, printable
+from rpil.data.text import counted, duration, for_others, listed, moment, one_line, printable
 
 
 @pytest.mark.parametrize(
@@ -40,3 +40,21 @@ def test_times_are_seconds_where_these_are_known():
     assert [duration(n, 0.05) for n in (1, 19, 20, 995)] == ["0.05 s", "0.95 s", "1.0 s", "49.8 s"]
     assert [duration(n, None) for n in (1, 12.4)] == ["1 step", "12 steps"]
     assert [moment(995, seconds) for seconds in (0.05, None)] == ["49.8 s", "step 995"]
+
+
+def test_no_home_folder_is_named(monkeypatch):
+    monkeypatch.setenv("HOME", "/srv/ann")
+    for text, shown in (
+        (
+            "rpil audit /srv/ann/work/d.csv --operator '/srv/ann/a b.csv'",
+            "rpil audit ~/work/d.csv --operator '~/a b.csv'",
+        ),
+        ("/srv/ann", "~"),
+        ("/srv/anna/d.csv", "/srv/anna/d.csv"),  # of another folder
+        ("file:///srv/ann/work/d.csv", "file://~/work/d.csv"),
+        ("/home/bob/d.csv /Users/bob/d.csv", ".../d.csv .../d.csv"),
+        ("/mnt/sets/d.csv ../d.csv s3://home/bob/d.csv", "/mnt/sets/d.csv ../d.csv s3://home/bob/d.csv"),
+    ):
+        assert for_others(text) == shown
+    monkeypatch.setenv("HOME", "/")
+    assert for_others("rpil audit /mnt/e.csv 1 / 2") == "rpil audit /mnt/e.csv 1 / 2"

@@ -32,7 +32,7 @@ def test_experts_with_actions_on_the_bounds_of_the_box_are_trusted():
     random = rng.uniform(-1.0, 1.0, size=(3000, 2))
     actions = np.where(np.repeat(is_good, lengths)[:, None], np.clip(wanted, -1.0, 1.0), random)
     offsets = np.concatenate([[0], np.cumsum(lengths)])
-    audit = RPIL().fit(Demonstrations.from_arrays(observations, actions, offsets)).audit_
+    audit = RPIL().fit(Demonstrations(observations, actions, offsets)).audit_
     assert audit.verdicts == tuple(np.where(is_good, "open", "outlier"))
 
 
@@ -65,7 +65,7 @@ def test_auto_features_fit_a_nonlinear_expert():
     good = toy.is_good[toy.groups]
     curve = 3 * toy.observations[:, 0] * toy.observations[:, 1]
     actions = np.where(good, curve + 0.2 * np.random.default_rng(0).normal(size=len(good)), toy.actions[:, 0])[:, None]
-    data = Demonstrations.from_arrays(toy.observations, actions, toy.offsets)
+    data = Demonstrations(toy.observations, actions, toy.offsets)
     model = RPIL("auto", settings=Settings(judge_features="nystroem")).fit(data)
     assert model.features_.kind == "nystroem"
     assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0

@@ -54,8 +54,8 @@ def test_predictions_lie_in_the_box(estimator, n_parts):
 
 def test_one_dimensional_float_actions():
     toy = make_continuous("random", 0, n_parts=1)
-    columns = Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets)
-    flat = Demonstrations.from_arrays(toy.observations, toy.actions[:, 0], toy.offsets)
+    columns = Demonstrations(toy.observations, toy.actions, toy.offsets)
+    flat = Demonstrations(toy.observations, toy.actions[:, 0], toy.offsets)
     models = [RPIL(settings=FAST).fit(data) for data in (columns, flat)]
     np.testing.assert_array_equal(models[0].log_odds_, models[1].log_odds_)
     assert models[1].predict(toy.observations).shape == (len(toy.actions), 1)

@@ -16,7 +16,7 @@ from rpil.policies.settings import SelectionSettings
 
 def test_cloning_takes_what_is_chosen():
     observations, codes, offsets = told(curved)
-    data = Demonstrations.from_arrays(observations, codes, offsets)
+    data = Demonstrations(observations, codes, offsets)
     steps = FitData(observations, codes, offsets, Discrete(2))
     chosen = choose_features(steps, np.ones(len(codes)), None, SelectionSettings())
     model = BehavioralCloning("auto").fit(data)
@@ -30,7 +30,7 @@ def test_cloning_takes_what_is_chosen():
 
 def test_a_given_ridge_is_kept():
     observations, codes, offsets = told(curved)
-    data = Demonstrations.from_arrays(observations, codes, offsets)
+    data = Demonstrations(observations, codes, offsets)
     model = BehavioralCloning("auto", C=0.5).fit(data)
     expected = BehavioralCloning(model.features_.kind, C=0.5).fit(data)
     np.testing.assert_array_equal(model.predict(observations), expected.predict(observations))

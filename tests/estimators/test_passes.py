@@ -21,7 +21,7 @@ from small import SAMPLE, small_rpil
 
 def demonstrations(kind="random", seed=0, n_good=80, n_bad=40, maker=make):
     toy = maker(kind, seed, n_good=n_good, n_bad=n_bad, steps=(20, 60))
-    return toy, Demonstrations.from_arrays(toy.observations, toy.actions, toy.offsets, toy.ids)
+    return toy, Demonstrations(toy.observations, toy.actions, toy.offsets, toy.ids)
 
 
 def both(data, fit=None, **options):
@@ -61,16 +61,6 @@ def test_verdicts_from_a_sample_are_those_from_all_demonstrations(maker, kind, n
     assert roc_auc_score(toy.is_good, model.log_odds_) > 0.99
     assert len(model.audit_.reasons) == len(data)
     assert model.audit_.deviations == ()  # actions are compared in memory only
-    assert len({*data.ids} - model.audit_.traces.keys()) <= 1  # the median one of an odd number has no evidence
-    for name, own in model.audit_.traces.items():  # by the policy of the sample, as by that of all
-        beside = other.audit_.traces.get(name)  # the median one of the rest has no part with evidence of its own
-        same = {part.name: part for part in beside.parts} if beside else {}
-        assert own.parts[0].name in same or abs(own.parts[0].nats) < 20
-        for part in (part for part in own.parts if part.name in same):
-            limit = 0.2 if maker is make else 1e-6
-            np.testing.assert_allclose(part.value, same[part.name].value, atol=limit)
-            spread = np.median(part.high - part.low)
-            np.testing.assert_allclose(part.low, same[part.name].low, atol=0.3 * spread)
     if maker is make:
         assert np.abs(model.predict_proba(data.observations) - other.predict_proba(data.observations)).max() < 0.1
     else:
@@ -91,16 +81,11 @@ def test_labels_outside_the_sample_are_used():
     assert weight[data.offsets[3] : data.offsets[4]].max() < 0.5  # the policy is hardly taught by it
 
 
-def test_demonstrators_of_large_data_change_log_odds_with_answers_alone():
+def test_demonstrators_of_large_data_change_log_odds():
     toy, data = demonstrations("noisy")
     names = [f"{'good' if is_good else 'bad'} {m % 2}" for m, is_good in enumerate(toy.is_good)]
-    told = {"demonstrators": names}
-    for model in both(data, fit=told):
-        assert not model.audit_.from_demonstrator.any()
-        assert {who.trust for who in model.audit_.demonstrators} == {None}
-    model, other = both(
-        data, fit=told | {"labels": dict.fromkeys(data.ids[:2], "good") | dict.fromkeys(data.ids[-2:], "bad")}
-    )
+    labels = dict.fromkeys(data.ids[:2], "good") | dict.fromkeys(data.ids[-2:], "bad")
+    model, other = both(data, fit={"demonstrators": names, "labels": labels})
     assert_alike(model, other, 0.2, 0.95)
     lent = model.audit_.from_demonstrator
     assert lent[2:80].min() > 0 > lent[80:-2].max()
@@ -113,22 +98,13 @@ def test_engines_judge_copies_in_the_sample_once(monkeypatch):
     rows = [data.observations, *[data.observations[: data.offsets[1]]] * 60]
     actions = [data.actions, *[data.actions[: data.offsets[1]]] * 60]
     offsets = np.append(data.offsets, data.offsets[-1] + data.lengths[0] * np.arange(1, 61))
-    more = Demonstrations.from_arrays(np.concatenate(rows), np.concatenate(actions), offsets)
+    more = Demonstrations(np.concatenate(rows), np.concatenate(actions), offsets)
     seen = []
     monkeypatch.setattr(passes, "JudgedSample", lambda *parts: seen.append(parts[1]) or JudgedSample(*parts))
     here, shared = (small_rpil(engine=engine).fit(more) for engine in (None, LocalEngine(n_shards=3)))
     np.testing.assert_array_equal(seen[0], seen[1])
     assert sum(m == 0 or m >= len(data) for m in seen[0].tolist()) == 1
     np.testing.assert_allclose(here.log_odds_, shared.log_odds_, rtol=1e-6, atol=1e-6)
-
-
-def test_final_policy_of_continuous_actions_uses_all_steps():
-    """Trust is much the same, so that a policy of all steps is, too; one of the sample alone is not."""
-    _, data = demonstrations(maker=make_continuous)
-    model, other = both(data)
-    assert model.policy_.freedom == other.policy_.freedom
-    np.testing.assert_allclose(model.policy_.cholesky, other.policy_.cholesky, rtol=1e-2, atol=1e-3)
-    np.testing.assert_allclose(model.coef_, other.coef_, atol=5e-3)
 
 
 def test_final_policy_learns_states_outside_the_sample():
@@ -138,7 +114,7 @@ def test_final_policy_learns_states_outside_the_sample():
     rare = data.offsets[np.setdiff1d(np.arange(300), chosen)[[10, 20, 30]]]
     actions[np.concatenate([rare, rare + 1])] = 7
     observations[rare, -1] = 1.0
-    data = Demonstrations.from_arrays(observations, actions, data.offsets, data.ids)
+    data = Demonstrations(observations, actions, data.offsets, data.ids)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         model = small_rpil(features="raw").fit(data)

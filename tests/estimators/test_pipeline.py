@@ -64,7 +64,7 @@ def with_copies(demonstrations: Demonstrations, every) -> Demonstrations:
     rows = np.concatenate([np.arange(*demonstrations.offsets[m : m + 2]) for m in every])
     offsets = np.append(0, np.cumsum(demonstrations.lengths[every]))
     ids = [*demonstrations.ids, *(f"copy {k}" for k in range(len(every) - len(demonstrations)))]
-    return Demonstrations.from_arrays(demonstrations.observations[rows], demonstrations.actions[rows], offsets, ids)
+    return Demonstrations(demonstrations.observations[rows], demonstrations.actions[rows], offsets, ids)
 
 
 def test_two_groups_list_copies():

@@ -140,7 +140,7 @@ def test_reweight_judges_copies_once():
     every = np.concatenate([np.arange(len(TOY.ids)), np.zeros(5, dtype=int)])
     rows = np.concatenate([np.arange(TOY.offsets[m], TOY.offsets[m + 1]) for m in every])
     offsets = np.append(0, np.cumsum(np.diff(TOY.offsets)[every]))
-    data = Demonstrations.from_arrays(TOY.observations[rows], TOY.actions[rows], offsets)
+    data = Demonstrations(TOY.observations[rows], TOY.actions[rows], offsets)
     once, more = (
         reweight(Linear(), each, log_prob=log_prob, train=train, max_rounds=4) for each in (TOY.demonstrations, data)
     )

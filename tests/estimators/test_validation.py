@@ -35,7 +35,7 @@ def test_action_box_that_does_not_fit_is_refused_in_one_sentence(box, words):
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
 def test_invalid_continuous_actions_are_refused_in_one_sentence(estimator):
     toy = make_continuous("random", 0)
-    same = Demonstrations.from_arrays(toy.observations, np.full_like(toy.actions, 0.5), toy.offsets)
+    same = Demonstrations(toy.observations, np.full_like(toy.actions, 0.5), toy.offsets)
     with refused("every action is the same; give demonstrations with two at least"):
         clone(estimator).fit(same)
     spoiled = toy.actions.copy()
@@ -61,7 +61,7 @@ def test_action_box_for_discrete_actions_is_refused_in_one_sentence():
 
 TOY = make("random", 0)
 
-ONE_ACTION = Demonstrations.from_arrays(TOY.observations, np.zeros_like(TOY.actions), TOY.offsets, TOY.ids)
+ONE_ACTION = Demonstrations(TOY.observations, np.zeros_like(TOY.actions), TOY.offsets, TOY.ids)
 
 
 @pytest.mark.parametrize(

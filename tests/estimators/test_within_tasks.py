@@ -41,13 +41,6 @@ def judged(both):
     return rpil_of(rpil.open(both))
 
 
-def test_the_demonstrations_of_all_tasks_have_traces(judged):
-    audit = judged.audit_
-    assert set(audit.traces) == set(audit.ids)
-    for m, name in enumerate(audit.ids):
-        assert len(audit.traces[name].taken) == audit.lengths[m]
-
-
 def test_each_task_is_judged_as_if_it_were_alone(both, judged, tmp_path):
     table = pq.read_table(both)
     pq.write_table(table.filter(pa.compute.equal(table["task"], "left")), tmp_path / "left.parquet")

@@ -92,27 +92,6 @@ def test_lengths_are_compared_where_both_limits_are_known(lengths, expected):
 
 
 @pytest.mark.parametrize(
-    ("length", "far", "severity"),
-    [
-        (70, 10.0, 75 / 70),  # shorter than three quarters, and its end five times the limit away
-        (70, 1.99, None),
-        (70, 2.1, 1.05),
-        (80, 10.0, None),
-        (40, 10.0, 50 / 40),  # too short whatever its end
-    ],
-)
-def test_what_is_short_and_ends_where_others_do_not_is_cut_off(length, far, severity):
-    usual = 0.98 * 0.6745  # with the least spread, the others are one spread wide
-    last = np.array([[-usual, -usual, 0.0, 0.0, 0.0, usual, usual, np.sqrt(far)]]).T
-    rule = applied(Length, last, lengths=np.array([100] * 7 + [length]))
-    assert rule.far[-1] == pytest.approx(far)
-    assert [fault.severity for fault in rule.findings()] == ([] if severity is None else [pytest.approx(severity)])
-    end = "(usual: 50 to 200 steps), fewer than most, and ends where the others do not: perhaps it is cut off"
-    cut = [fault.sentence.endswith(end) for fault in rule.findings()]
-    assert cut == ([] if severity is None else [length > 50])
-
-
-@pytest.mark.parametrize(
     ("shift", "gain", "expected"),
     [
         ([3], [0.5], 0.5 / 0.09),

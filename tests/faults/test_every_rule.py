@@ -165,7 +165,7 @@ def test_a_scale_and_a_sign_take_twenty_steps(n):
         assert (rule in report.counts) == (n == 20)
         assert rule not in report.not_checked
     shorter = check(demonstrations([(x[:n], a[:n]) for x, a in swift]))
-    reasons = [shorter.not_checked.get(rule) for rule in ("scale", "sign")]
+    reasons = [shorter.not_checked.get(rule) for rule in ("scale", "offset")]  # which tells signs of commands
     assert (reasons == [Rule.unknown] * 2) == (n == 19)
 
 

@@ -15,7 +15,6 @@ from rpil.faults.measured_columns import changes, column_labels, learn_columns, 
 from rpil.faults.motion import Jump, RepeatedFrames, Scale, Spike
 from rpil.faults.recorded import find_frame_times
 from rpil.faults.rule import Learned
-from rpil.faults.whole_rules import Length
 from rpil.formats.metadata import Times
 
 RNG = np.random.default_rng(0)
@@ -116,20 +115,6 @@ def test_frames_are_dropped_in_the_demonstration_that_lacks_them(step):
     assert fault.sentence.startswith("about 5 frames missing: ")
 
 
-def test_the_last_step_is_measured_and_a_distance_is_a_mean_over_columns_of_five_spreads_at_most():
-    values, kinds = np.arange(2.0 * OFFSETS[-1]).reshape(2, -1), SimpleNamespace(is_action=np.array([False, True]))
-    block = block_of(values, columns=kinds)
-    np.testing.assert_array_equal(Length.measure(block, None)[0], OFFSETS[1:, None] - 1)
-    off = 0.98 * 0.6745  # with the least spread, the others are one spread wide
-    usual = np.array([-off, -off, 0, 0, 0, off, off])
-    last = np.column_stack([np.append(5 + usual, 7.0), np.append(usual, 100.0)])
-    columns = SimpleNamespace(is_action=np.zeros(2, bool), spread=np.ones(2), memory=np.array([1.0, 0.7]))
-    far = Length.far.fget(SimpleNamespace(measured=(last,), columns=columns))
-    np.testing.assert_allclose(far[[0, 2, 7]], [off**2, 0, (4 + 25) / 2])
-    columns.memory[1] = 0.69  # that column ends by chance
-    assert Length.far.fget(SimpleNamespace(measured=(last,), columns=columns))[7] == pytest.approx(4 / 2)
-
-
 def test_series_are_whitened_by_what_an_action_remembers():
     values, memory = RNG.normal(size=OFFSETS[-1]), np.array([0.5, -0.25])
     white = lag.whitened(values, memory, OFFSETS)
@@ -173,9 +158,12 @@ def test_what_is_learned_of_sound_recordings():
     rng = np.random.default_rng(1)
     noisy = [(x + rng.normal(size=x.shape) * [0.1, 0, 0.02], a) for x, a in CLEAN]
     learned = Learned.of(demonstrations(noisy))
-    pairs = [(pair.action, pair.state, pair.of_change, len(pair.memory), pair.lag) for pair in learned.pairs]
+    assert learned.pairs == ()  # which commands need not
+    sample = learn_columns(*pilot(demonstrations(noisy)), column_labels(demonstrations(noisy)))
+    found, _ = lag.find_lag(sample, settings.MAX_LAG, ())
+    pairs = [(pair.action, pair.state, pair.of_change, len(pair.memory), pair.lag) for pair in found]
     assert pairs == [(4, 1, False, 3, 2), (5, 2, False, 3, 2), (3, 0, False, 1, 2)]
-    correlations = [pair.correlation for pair in learned.pairs]
+    correlations = [pair.correlation for pair in found]
     np.testing.assert_allclose(correlations, [0.9865782, 0.5068785, 0.3330825], rtol=1e-5)
 
     tracked = learned.tracked

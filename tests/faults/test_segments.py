@@ -33,13 +33,14 @@ def longest(column, counts):
             weight = int(counts[start + 1 : t].sum())
             best = max(best, (weight, -start, t - start))
             start = t
-    return best[0], -best[1], best[2]
+    return (best[0], -best[1], best[2]) if best[0] > 0 else (0, 0, 1)
 
 
 def test_longest_runs():
     counts = np.random.default_rng(1).random(VALUES.shape) < 0.7
-    change = changes(VALUES, OFFSETS)
-    found = np.stack(longest_runs(change != 0, counts, OFFSETS), axis=2)
+    stays = changes(VALUES, OFFSETS) == 0
+    stays[:, OFFSETS[:-1]] = False
+    found = np.stack(longest_runs(stays, lambda c, t: counts[c, t], OFFSETS), axis=2)
     for m, (a, b) in enumerate(itertools.pairwise(OFFSETS)):
         for c in range(len(VALUES)):
             assert tuple(found[m, c]) == longest(VALUES[c, a:b], counts[c, a:b])

@@ -93,35 +93,6 @@ def test_two_files_in_one_folder_and_texts_that_are_no_json_are_refused(folder):
         rpil.read(folder)
 
 
-def test_npz_files_beside_tables_are_not_read(tmp_path, folder):
-    (folder / "notes.txt").write_text("recorded on Monday")
-    (folder / "labels.csv").write_text("id,label\n0,good\n")  # of rpil label
-    assert len(rpil.read(folder)) == 3
-    (folder / "data").mkdir()
-    shutil.copyfile(samples.parquet_lists(tmp_path), folder / "data" / "lists.parquet")
-    shutil.copyfile(folder / "0" / "trajectory.npz", folder / "0" / "other.npz")
-    assert rpil.open(folder).describe().format == "Parquet"
-
-
-def test_a_reward_of_each_step_is_one_also_where_there_is_one_step(tmp_path):
-    for first, lengths in (("long", (4, 1, 3)), ("short", (1, 4, 3))):
-        folder = tmp_path / first
-        folder.mkdir()
-        for k, n in enumerate(lengths):
-            arrays = {"observations": np.ones((n, 2)), "actions": np.ones((n, 1)), "rewards": np.full(n, k + 1.0)}
-            np.savez(folder / f"{k}.npz", **arrays)
-        found = formats.read_recording(folder, formats.ColumnOptions(outcome="rewards"))
-        assert found.facts.outcomes[0].tolist() == [n * (k + 1) for k, n in enumerate(lengths)]
-    np.savez(folder / "2.npz", observations=np.ones((3, 2)), actions=np.ones((3, 1)), rewards=2.0)
-    with pytest.raises(DataError, match="demonstration '2': it has one 'rewards', and not every other has"):
-        formats.read_recording(folder, formats.ColumnOptions(outcome="rewards"))
-
-
-def test_one_id_names_one_demonstration(folder):
-    np.savez(folder / "1" / "trajectory.npz", actions=np.ones((3, 2)), obs_state=np.ones((3, 2)), episode_ids=[7, 7, 7])
-    assert rpil.read(folder).lengths.tolist()[1] == 3
-
-
 @pytest.mark.parametrize("kept", [[0], [2], [1, 2]])
 def test_the_observation_after_the_last_action_is_kept_with_the_last_demonstration(tmp_path, kept):
     ids, seen = np.array([0, 0, 1, 1, 2]), np.arange(6.0)[:, None]

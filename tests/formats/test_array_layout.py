@@ -275,15 +275,6 @@ def test_named_observations_do_not_change_where_demonstrations_end(written):
     np.testing.assert_array_equal(found.observations, STATES[:, :1])
 
 
-def test_values_of_demonstrations_are_read_where_they_are_named(written):
-    about = {"who": np.array(["c", "a", "b"]), "length": np.array([3.0, 1.0, 2.0])}
-    path = written(STEPS | {"episode_ids": 2 - OWNERS} | about)
-    recording = rpil.open(path, operator="who")
-    assert recording.operators == [("2", "c"), ("1", "a"), ("0", "b")]
-    assert recording.describe().ignored["length"] == "not one value for each step"
-    assert rpil.open(path).operators == []
-
-
 def test_lengths_say_more_than_a_mask_of_which_index_is_the_time(written):
     arrays = {
         "obs": np.zeros((4, 3, 2)),
@@ -301,3 +292,12 @@ def test_numbers_of_an_observation_may_have_names(written, asked):
     assert rpil.read(path, **({"observations": asked} if asked else {})).observation_names == ("x", "y")
     path = written(arrays | {"obs": STATES[:, :1], "observation_names": np.array(["x"])})
     assert rpil.read(path).observation_names == ("x",)
+
+
+def test_values_of_demonstrations_are_read_where_they_are_named(written):
+    about = {"who": np.array(["c", "a", "b"]), "length": np.array([3.0, 1.0, 2.0])}
+    path = written(STEPS | {"episode_ids": 2 - OWNERS} | about)
+    recording = rpil.open(path, operator="who")
+    assert recording.operators == [("2", "c"), ("1", "a"), ("0", "b")]
+    assert recording.describe().ignored["length"] == "not one value for each step"
+    assert rpil.open(path).operators == []

@@ -35,7 +35,7 @@ def problem():
 
 @pytest.mark.parametrize("library", FRAMES)
 def test_frames_are_read_as_files_are(library, problem):
-    given = rpil.Demonstrations.from_arrays(
+    given = rpil.Demonstrations(
         problem.observations, problem.actions, problem.offsets, [f"demo {m}" for m in range(24)]
     )
     frame = FRAMES[library](flat.from_demonstrations(given, {"is_good": np.arange(24) < 16}))
@@ -50,7 +50,7 @@ def test_frames_are_read_as_files_are(library, problem):
 def test_trajectories_are_read_and_frames_are_fitted(problem):
     trajectories = [
         SimpleNamespace(obs=np.vstack([seen, seen[-1]]), acts=acted)  # as those of imitation
-        for seen, acted in rpil.Demonstrations.from_arrays(problem.observations, problem.actions, problem.offsets)
+        for seen, acted in rpil.Demonstrations(problem.observations, problem.actions, problem.offsets)
     ]
     np.testing.assert_array_equal(rpil.read(trajectories).observations, problem.observations)
     frame = as_pandas(flat.from_demonstrations(rpil.read(trajectories), {}))

@@ -43,12 +43,6 @@ def test_a_column_of_two_roles_is_refused(action, observations, said, tmp_path):
         rpil.open(tmp_path / "drive.csv", id="trip", action=action, observations=observations)
 
 
-def test_an_action_of_texts_in_lists_is_refused_with_the_remedy():
-    steps = {"episode": [0, 0], "state": [0.1, 0.2], "x": [1.0, 2.0], "action": [["go", "a"], ["stop", "b"]]}
-    with pytest.raises(DataError, match="'action' holds texts in lists, or nested values; write each part"):
-        rpil.open(pa.table(steps))
-
-
 def test_an_operator_that_was_found_is_in_the_next_command(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     pa.csv.write_csv(drives(), "drive.csv")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import json
 import random
 import re
@@ -36,20 +35,8 @@ def written(name, lines):
     return name
 
 
-def records(n=8, length=6):
-    return [
-        json.dumps({"episode_index": m, "observation": {"x": k / 7 + m}, "action": k % 2, "note": "é"})
-        for m in range(n)
-        for k in range(length)
-    ]
-
-
 def read(path):
     return rpil.open(path).description
-
-
-def read_rest(path):
-    return rpil.open(path, skip_bad=True)
 
 
 def test_a_quotation_that_does_not_end_is_named_with_its_row():
@@ -57,14 +44,9 @@ def test_a_quotation_that_does_not_end_is_named_with_its_row():
     lines[300] = f'{lines[300][:-2]}"5 cm off'
     path = written("q.csv", lines)
     for command in (["info", path], ["check", path], ["convert", path, "-o", "q.parquet"], ["audit", path]):
-        refused(r"q\.csv, line 301: a quotation begins and does not end in .*; .* --skip-bad", *command)
+        refused(r"q\.csv, line 301: a quotation begins and does not end in .*; .* correct it, or", *command)
     with pytest.raises(DataError, match="line 301"):
         rpil.open(path, on_disk=True)
-    found = read_rest(path)
-    assert (found.description.demonstrations, found.description.steps) == (20, 799)
-    assert found.left_out == ("Skipped, because damaged: line 301 of q.csv.",)
-    ok("keep", path, "-o", "kept.csv", "--skip-bad", "--share", "1")
-    assert Path("kept.csv").read_text().splitlines() == [*lines[:300], *lines[301:]]
 
 
 @pytest.mark.parametrize(
@@ -82,7 +64,6 @@ def test_rows_that_a_quotation_joins_are_told(damage):
     lines = table()
     damage(lines)
     refused(r"q\.csv, line 10: a quotation", "info", written("q.csv", lines))
-    assert "line 10" in ok("info", "q.csv", "--skip-bad").stdout
 
 
 def test_names_of_columns_in_a_quotation_that_does_not_end_are_told():
@@ -91,36 +72,12 @@ def test_names_of_columns_in_a_quotation_that_does_not_end_are_told():
     refused(r"q\.csv, line 1: a quotation begins and does not end", "info", written("q.csv", lines))
 
 
-def test_damaged_rows_are_skipped():
+def test_damaged_rows_are_counted():
     lines = table()
     lines[5], lines[20], lines[40] = "0,0.5", "\0\0\0\0", "6,0.25,1,ok,5,6"
-    content = "\n".join(lines) + "\n"
-    for name, encoding, pack in (("a.csv", "utf-8", bytes), ("b.csv.gz", "cp1252", gzip.compress)):
-        Path(name).write_bytes(pack(content.replace("ok", "é").encode(encoding)))
+    for on_disk in (False, True):
         with pytest.raises(DataError, match=r"line 6: 2 values for 4 columns in '0,0\.5', the first of 3 dama"):
-            read(name)
-        for on_disk in (False, True):
-            found = rpil.open(name, skip_bad=True, on_disk=on_disk)
-            assert found.left_out == (f"Skipped, because damaged: lines 6, 21, 41 of {name}.",)
-            assert found.description.steps == 45
-        rpil.open(name, skip_bad=True).keep([0, 3], f"kept-{name}")
-        kept = read(f"kept-{name}")
-        assert (kept.demonstrations, kept.steps) == (2, 10)
-
-
-def test_damaged_lines_of_json_are_named_and_skipped():
-    lines = records(50, 30)
-    lines[744], lines[1029] = "\0" * 200, lines[1029][:20]
-    path = written("a.jsonl", lines)
-    sentence = r"a\.jsonl, line 745: it holds no object of JSON, the first of 2 damaged lines; .* --skip-bad"
-    for command in (["info", path], ["check", path], ["convert", path, "-o", "a.csv"]):
-        refused(sentence, *command)
-    assert "Skipped, because damaged: lines 745, 1030 of a.jsonl." in ok("info", path, "--skip-bad").stdout
-    assert "lines 745, 1030 of a.jsonl" in ok("check", path, "--skip-bad").stderr
-    assert "lines 745, 1030 of a.jsonl" in ok("keep", path, "-o", "b.jsonl", "--skip-bad", "--share", "1").stderr
-    assert Path("b.jsonl").read_text().splitlines() == [line for k, line in enumerate(lines) if k not in (744, 1029)]
-    with pytest.warns(UserWarning, match=r"Skipped, because damaged: lines 745, 1030"):
-        assert len(rpil.read(path, skip_bad=True)) == 50
+            rpil.open(written("a.csv", lines), on_disk=on_disk)
 
 
 def texts(folder):
@@ -199,15 +156,6 @@ def test_a_file_that_may_not_be_read_is_not_damaged(monkeypatch):
     refused(r"2\.parquet", "info", "runs", "--skip-bad")
 
 
-def step(m, k, rng):
-    """A line of a step: a time with a zone, integers of any size, an object, and keys that are missing in some."""
-    row = {"episode_index": m, "observation": {"x": rng.random(), "y": k}, "action": rng.randint(0, 1)}
-    row |= {"when": f"2024-01-01T00:00:{k:02d}Z", "big": 2**63 + k, "huge": 10**30, "list": [0, 1.0, None]}
-    for key in rng.sample(["when", "big", "huge", "list"], rng.randint(0, 3)):
-        del row[key]
-    return json.dumps(row, separators=rng.choice([(",", ":"), (", ", ": "), (" , ", " : ")]))
-
-
 def row(m, k, rng):
     note = rng.choice(["", "ok", '"a, b"', " 007 ", "1e400", str(10**30), "2024-01-01T00:00:00Z"])
     return f"{m},{rng.random()},{rng.randint(0, 1)},{note}"
@@ -220,7 +168,6 @@ def test_each_kept_record_is_one_of_the_source_in_its_order(seed):
     owners = sorted(range(n), key=lambda _: rng.random())
     head = ["episode_index,observation.x,action,note"]
     sources = {
-        "steps.jsonl": [(m, step(m, k, rng)) for m in owners for k in range(5)],
         "rows.csv": [(m, row(m, k, rng)) for m in owners for k in range(5)],
     }
     if seed % 3 == 0:

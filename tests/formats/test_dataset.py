@@ -68,16 +68,6 @@ def test_blocks_and_selections_are_those_in_memory(tmp_path, case):
     assert data.nbytes == memory.observations.nbytes + memory.actions.nbytes
 
 
-def test_a_pattern_and_one_file_can_be_opened(tmp_path):
-    memory = demonstrations()
-    folder = write_files(flat.from_demonstrations(memory, {}), tmp_path / "many")
-    pq.write_table(pa.table({"other": [1]}), folder / "_index.parquet")
-    for path in (f"{folder}/*.parquet", folder / "0.parquet"):
-        assert rpil.open(path, on_disk=True).demonstrations.n_steps == (
-            memory.n_steps if path != folder / "0.parquet" else memory.n_steps // 3
-        )
-
-
 def changed(table, name, row, value):
     values = table[name].to_pylist()
     values[row] = value

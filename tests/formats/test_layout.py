@@ -90,17 +90,6 @@ def test_lists_of_another_length_in_a_later_batch_are_refused(monkeypatch):
         rpil.open(rows).demonstrations  # noqa: B018
 
 
-def test_lists_without_numbers_in_the_first_rows_are_named():
-    lists = [None] * 20 + [[1.0, 2.0]] * 20
-    rows = pa.table(
-        {"episode": np.repeat(range(4), 10), "obs": pa.array([None] * 40, pa.list_(pa.float64())), "x": lists}
-    )
-    rows = rows.append_column("action", [NUMBERS[:, 0]]).append_column("obs.y", [NUMBERS[:, 1]])
-    description = rpil.open(rows).description
-    assert description.observations == ("y",)
-    assert description.ignored["obs"] == "images or nested values"
-
-
 @pytest.mark.parametrize("names", [("a", "a", "b"), ("a", "b"), ("a", "b", "c", "c")])
 def test_names_that_are_not_one_for_each_number_are_not_used(names):
     assert part_names("obs", 3, names) == ("obs.0", "obs.1", "obs.2")

@@ -51,7 +51,7 @@ def written(folder: Path, suffix: str) -> Path:
     if suffix == "npz":
         arrays = {"observations": STATES[:, :1], "actions": STATES[:, 1:], "episode_ids": OWNERS}
         others = {name: columns[name] for name in ("next.success", "reward", "half")}
-        np.savez(path, **arrays, **others, day=np.array(["mon", "tue", "mon"]))
+        np.savez(path, **arrays, **others, day=columns["day"])
     elif suffix == "parquet":
         pq.write_table(pa.table(columns), path, row_group_size=4)
     else:
@@ -78,24 +78,6 @@ def test_outcomes_are_read_when_they_are_named_and_are_no_observations(tmp_path,
         seen.facts  # noqa: B018
     with refused("'nothing'"):
         facts(path, outcome="nothing")
-
-
-@pytest.mark.parametrize("suffix", [*READS[:-1], "frame"])
-@pytest.mark.parametrize("role", ["id", "operator", "task", "order", "session"])
-def test_a_column_that_is_called_like_an_outcome_may_have_another_role(tmp_path, suffix, role):
-    """Such a column is read once."""
-    states, rewards = STATES[:, 0], np.arange(15.0)
-    columns = {"x": states, "action": OWNERS % 2, "score": rewards if role == "order" else OWNERS % 3}
-    columns |= {} if role == "id" else {"episode": OWNERS}
-    frame, path = pa.table(columns | {"success": SUCCESS}), tmp_path / f"a.{suffix}"
-    if suffix != "frame":
-        write_table(path, frame)
-    options = ColumnOptions(**{role: "score"})
-    source = frame if suffix == "frame" else path
-    read = formats.read_recording(source if suffix == "frame" else path, options)
-    np.testing.assert_array_equal([*map(str, read.demonstrations.ids)], ["0", "1", "2"])
-    said = {"operator": read.operators, "task": read.tasks}.get(role)
-    assert said is None or [*map(str, dict(said).values())] == ["0", "1", "2"]
 
 
 @pytest.mark.parametrize(

@@ -1,18 +1,14 @@
 """Parquet files that lie or are damaged: one sentence, whatever pyarrow does with them."""
 
-import json
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-import lerobot_folders as folders
 import rpil
 from hostile import write_letters, write_long_list
 from rpil.data import memory
 from rpil.data.errors import DataError
-from rpil.formats.lerobot.defects import find_defects
 from rpil.formats.parquet_file import bytes_of_groups
 from rpil.formats.registry import find
 from rpil.results.choice import read_verdicts
@@ -75,20 +71,3 @@ def test_columns_that_are_kept_and_not_read_are_checked(tmp_path, monkeypatch):
     with pytest.raises(DataError, match=r"x\.parquet: .* 2\.\d MB of memory"):
         find(path).keep(tmp_path / "other.parquet", [1])
     assert not (tmp_path / "other.parquet").exists()
-
-
-def test_columns_that_statistics_name_are_checked(tmp_path, monkeypatch):
-    root = folders.write(tmp_path / "drive", (4, 5), "v3.0", ())
-    file = root / "data" / "chunk-000" / "file-000.parquet"
-    table = pq.read_table(file)
-    values = pa.array([[0.0] * 30_000] * len(table), pa.list_(pa.float64()))
-    pq.write_table(table.append_column("huge", values), file, compression="zstd")
-    stats = json.loads((root / "meta" / "stats.json").read_text()) | {"huge": {"min": [0], "mean": [0]}}
-    (root / "meta" / "stats.json").write_text(json.dumps(stats))
-    with monkeypatch.context() as little:
-        little.setattr(memory, "free_memory", lambda: 2e6)
-        (defect,) = [one for one in find_defects(root, False) if one.what == "metadata"]
-        assert "column 'huge': to read it would take" in defect.sentence
-        with pytest.raises(DataError, match="MB of memory"):
-            rpil.open(root).keep([1], tmp_path / "kept")
-    assert not [one for one in find_defects(root, False) if one.what == "metadata"]

@@ -18,7 +18,6 @@ def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
         claims=lambda path: path.read_text() == "mine",
         read=lambda path, options: from_demonstrations(toy, "mine"),
         keep=lambda *given: kept.append(given[:3]),
-        has_own_ids=True,
     )
     monkeypatch.setattr(registry, "FORMATS", [own, *registry.FORMATS])
     mine, other = tmp_path / "mine.csv", tmp_path / "other.csv"

@@ -188,12 +188,3 @@ def test_what_is_not_read_is_named(tmp_path):
     assert "Left out, because they are links, or hold no actions: version." in about.notes
     names = [("demo_0", "Bo"), ("demo_2", "Ann"), ("demo_10", "Ann")]
     assert recording.operators == names  # texts of any length, as h5py writes them
-
-
-@pytest.mark.parametrize(
-    "states", [np.arange(60).reshape(12, 5), np.arange(45.0).reshape(9, 5), np.arange(12.0)[:, None]]
-)
-def test_whole_numbers_few_steps_or_one_number_are_no_time(tmp_path, states):
-    with h5py.File(tmp_path / "raw.hdf5", "w") as file:
-        file["data/demo_0/states"], file["data/demo_0/actions"] = states, np.eye(len(states))
-    assert formats.read(tmp_path / "raw.hdf5").n_observations == states.shape[1]

@@ -103,18 +103,11 @@ def test_headers_in_another_language_are_a_question(tmp_path):
     assert "12 demonstrations" in ok(*named, "--action", "lenkung,winkel").stdout
 
 
-@pytest.mark.parametrize("command", ["keep", "audit"])
-def test_videos_are_looked_at_where_a_rule_asks_for_it(command, tmp_path):
-    said = "No such option '--video': --without-faults frozen-picture of rpil keep looks by itself; see rpil"
-    refused(said, command, table(tmp_path / "a.csv", drive()), "--video")
-
-
-def test_a_second_head_is_named_and_may_be_skipped(tmp_path):
+def test_a_second_head_is_named(tmp_path):
     path = table(tmp_path / "a.csv", drive(id=np.arange(N) // 20, action=np.arange(N) % 7 / 3))
     head, *rows = path.read_text().splitlines(keepends=True)
     path.write_text("".join([head, *rows[:30], head, *rows[30:]]))
-    refused(r"a\.csv, line 32: it repeats the names of the columns, .*; .* --skip-bad", "info", path)
-    assert rpil.open(path, skip_bad=True).description.steps == N
+    refused(r"a\.csv, line 32: it repeats the names of the columns, .*; correct it", "info", path)
 
 
 def test_many_texts_as_actions_name_the_option_of_the_command(tmp_path):

@@ -128,13 +128,6 @@ def test_chunks_that_are_missing_are_not_made_up(tmp_path, action):
         rpil.read(path)
 
 
-def test_chunks_of_columns_that_are_not_read_may_be_missing(tmp_path):
-    path, _ = write_buffer(tmp_path)
-    root = zarr.open_group(path)
-    root.create_array("data/reward", data=np.arange(11.0) // 9, chunks=(3,))  # zarr leaves chunks of zeros out
-    assert len(rpil.read(path)) == 3
-
-
 def test_names_in_a_zip_file_that_lead_out_of_it_are_not_read(tmp_path):
     folder, _ = write_buffer(tmp_path)
     path = shutil.make_archive(str(folder), "zip", folder)

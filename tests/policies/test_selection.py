@@ -43,7 +43,7 @@ def test_the_kind_that_can_follow_the_rule_is_chosen(rule, kind):
 def test_a_straight_rule_is_followed_whichever_kind_is_chosen(seed):
     """All kinds can, so that chance decides between them; what must not happen is that decisions get worse."""
     observations, codes, offsets = told(straight, seed=seed)
-    data = Demonstrations.from_arrays(observations, codes, offsets)
+    data = Demonstrations(observations, codes, offsets)
     asked, right, _ = told(straight, seed=100 + seed)
     chosen, raw = (BehavioralCloning(features=kind).fit(data).score(asked, right) for kind in ("auto", "raw"))
     assert chosen >= raw - 0.005
@@ -91,7 +91,7 @@ def test_a_noisy_rule_makes_a_policy_less_sure():
     observations, codes, offsets = told(straight)
     noisy = np.random.default_rng(0).uniform(size=len(codes)) < 0.4
     noise = np.where(noisy, np.random.default_rng(1).integers(2, size=len(codes)), codes)
-    data = Demonstrations.from_arrays(observations, noise, offsets)
+    data = Demonstrations(observations, noise, offsets)
     model = BehavioralCloning("auto").fit(data)
     proba = model.predict_proba(observations)
     right = model.predict(observations) == noise

@@ -200,3 +200,17 @@ def test_columns_that_are_no_columns_are_survived():
     )
     np.testing.assert_allclose(outputs, expected.outputs(features[:, 1:]), atol=1e-4)
     assert np.isfinite(policy.weights).all()
+
+
+def test_a_fit_of_alike_errors_with_heavy_tails_takes_ten_iterations():
+    """Errors of the parts are almost the same, and some actions are at a bound."""
+    rng, n = np.random.default_rng(0), 600
+    features = np.column_stack([rng.normal(size=(n, 3)), np.ones(n)])
+    errors = rng.standard_t(1, size=(n, 1)) + 0.05 * rng.normal(size=(n, 3))
+    box = Box(np.full(3, -2.0), np.full(3, 2.0))
+    problem = FitData.from_steps(features, box.bounded(features @ rng.normal(size=(4, 3)) + 0.1 * errors), box)
+    values = []
+    for max_iter in (10, 100):
+        policy, _ = zero(problem).fit(problem, np.ones(n), max_iter=max_iter)
+        values.append(objective(policy, problem, np.ones(n)) / n)
+    assert values[1] - values[0] < 1e-3

@@ -13,7 +13,7 @@ from rpil import RPIL, DataError, Demonstrations
 from rpil.inference.answers import Answers
 from rpil.inference.findings import FINDINGS
 from rpil.inference.witnesses import Witnesses
-from rpil.results.answering import NEXT_STEPS, NOT_USED, doubts_of_witnesses, shown_proba, with_answers
+from rpil.results.answering import NOT_USED, doubts_of_witnesses, shown_proba, with_answers
 from rpil.results.record import Audit
 from rpil.results.vocabulary import VOCABULARIES
 
@@ -29,14 +29,7 @@ def audit() -> Audit:
     return found
 
 
-def test_every_finding_has_a_next_step():
-    assert NEXT_STEPS.keys() == FINDINGS.keys()
-    assert all(sentence.endswith(".") for sentence in NEXT_STEPS.values())
-
-
-@pytest.mark.parametrize(
-    ("labels", "pairs"), [(LABELS, ()), ({}, [("d0", "d9"), ("d3", "d8")]), ({"d2": "good"}, [("d5", "d9")])]
-)
+@pytest.mark.parametrize(("labels", "pairs"), [({}, [("d0", "d9"), ("d3", "d8")]), ({"d2": "good"}, [("d5", "d9")])])
 def test_answers_to_an_audit_are_those_of_a_fit(audit, labels, pairs):
     later = audit.answered(labels, pairs)
     words = {**labels, **{better: f"better than {worse}" for better, worse in pairs}}
@@ -133,12 +126,6 @@ def copied() -> Audit:
     return RPIL().fit(Demonstrations.from_episodes([*episodes, episodes[0]])).audit_
 
 
-def test_labels_of_copies_that_contradict_each_other_are_refused_where_they_are_the_only_ones(copied):
-    first, last = copied.ids[0], copied.ids[-1]
-    with refused("a copy of it, bad; change one of the labels"):
-        copied.answered({first: "good", last: "bad"})
-
-
 def test_labels_of_copies_are_counted_once(copied):
     first, last = copied.ids[0], copied.ids[-1]
     both = copied.answered({first: "good", last: "good"})
@@ -146,6 +133,8 @@ def test_labels_of_copies_are_counted_once(copied):
     assert both.assumptions[-1] == "P(good) is learned from 1 label, each of which may be wrong."
     said = [one for one in both.answered({copied.ids[1]: "good"}).assumptions if "is learned from" in one]
     assert said == ["P(good) is learned from 2 labels, each of which may be wrong."]
+    with refused("a copy of it, bad; change one of the labels"):
+        copied.answered({first: "good", last: "bad"})
 
 
 def test_a_named_adversary_learns_from_labels_in_a_fit_alone():
@@ -153,27 +142,22 @@ def test_a_named_adversary_learns_from_labels_in_a_fit_alone():
         make_audit(anchor="named adversary", finding="mixture").answered({0: "good"})
 
 
-@pytest.mark.parametrize("operators", [None, ["a"] * 10 + ["b"] * 10])
-def test_every_label_is_obeyed_whatever_the_other_labels_say(operators):
-    toy = make("random", 0, n_good=10, n_bad=10, steps=(30, 30))
+def test_every_label_is_obeyed_whatever_the_other_labels_say():
+    toy, operators = make("random", 0, n_good=10, n_bad=10, steps=(30, 30)), ["a"] * 10 + ["b"] * 10
     audit = RPIL().fit(toy.demonstrations, demonstrators=operators).audit_
     for seed in range(6):
         rng = np.random.default_rng(seed)
         chosen = rng.choice(20, rng.integers(1, 12), replace=False)
         labels = {audit.ids[m]: str(rng.choice(["good", "bad"])) for m in chosen}
-        fits = [RPIL().fit(toy.demonstrations, demonstrators=operators, labels=labels)] if seed < 1 else []
-        for judged in (audit.answered(labels), *(model.audit_ for model in fits)):
-            assert {name: judged.verdicts[judged.index(name)] for name in labels} == labels
-            odds = {word: [judged.log_odds[judged.index(m)] for m in labels if labels[m] == word] for word in WORD}
-            assert min(odds["good"], default=np.inf) >= judged.log_odds.max(initial=-np.inf, where=~labelled(judged))
-            assert max(odds["bad"], default=-np.inf) <= judged.log_odds.min(initial=np.inf, where=~labelled(judged))
+        judged = audit.answered(labels)
+        assert {name: judged.verdicts[judged.index(name)] for name in labels} == labels
+        odds = {word: [judged.log_odds[judged.index(m)] for m in labels if labels[m] == word] for word in WORD}
+        others = ~np.isin(judged.ids, judged.labelled)
+        assert min(odds["good"], default=np.inf) >= judged.log_odds.max(initial=-np.inf, where=others)
+        assert max(odds["bad"], default=-np.inf) <= judged.log_odds.min(initial=np.inf, where=others)
 
 
 WORD = ("good", "bad")
-
-
-def labelled(audit):
-    return np.isin(audit.ids, audit.labelled)
 
 
 def test_a_probability_claims_no_more_than_the_words():

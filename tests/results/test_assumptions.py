@@ -19,13 +19,6 @@ def test_sentences_begin_with_the_finding_and_the_meaning_of_the_probability():
         assert all(sentence.endswith(".") for sentence in sentences)
 
 
-def test_labels_and_whole_demonstrations_are_assumptions_too():
-    audit = make_audit(anchor="named adversary", labels={0: 1, 1: 1, 2: -1})
-    sentences = assumptions.assumption_sentences(audit)
-    assert "A demonstration is good or bad as a whole." in sentences
-    assert "3 labels were taken as certain." in sentences
-
-
 def test_answers_and_doubts_are_told_in_the_place_of_what_was_not_used():
     audit = make_audit(
         anchor="answers", labels={0: 1, 1: -1}, doubts=("One part says most.",), notes=("Part 3 rests.",)

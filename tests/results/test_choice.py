@@ -13,7 +13,7 @@ from audits import make_audit
 from rpil.data.errors import DataError
 from rpil.inference.answers import Answers
 from rpil.results.answering import rejecting_rules
-from rpil.results.choice import KEEP_RULES, RULES_OF_VERDICTS, Asked, choose, read_verdicts, write_verdicts
+from rpil.results.choice import KEEP_RULES, Asked, choose, read_verdicts, write_verdicts
 from rpil.results.vocabulary import SIDES
 
 TABLE = {
@@ -41,11 +41,9 @@ def rule_by_brute_force(table, asked):
     rules = []
     for name, label, rule in rows:
         rule = "" if label and not (rule == "outcome" and label == "bad") else rule
-        if rule in asked.ignored:
-            rule = ""
         if name in asked.faulty and rule != "outcome":
             rule = "faults"
-        if label == "bad" and "labels" not in asked.ignored:
+        if label == "bad":
             rule = "labels"
         rules.append(rule)
     return rules
@@ -60,9 +58,7 @@ def test_every_rule_by_brute_force():
         labels = rng.choice(["", "good", "bad"], n, p=[0.8, 0.1, 0.1])
         rules = rng.choice(["", "outcome", "answers"], n, p=[0.5, 0.3, 0.2]) if seed % 2 else None
         table = table_of(words, labels, rules)
-        known = ("labels", "outcome", *RULES_OF_VERDICTS.values())
-        ignored = {rule for rule in known if rng.random() < 0.2}
-        asked = Asked(ignored=ignored, faulty={f"d{m}" for m in range(n) if rng.random() < 0.1})
+        asked = Asked(faulty={f"d{m}" for m in range(n) if rng.random() < 0.1})
         rules = rule_by_brute_force(table, asked)
         choice = choose(table, asked)
         assert choice.kept == tuple(name for name, rule in zip(table["id"], rules, strict=True) if not rule), seed
@@ -131,7 +127,6 @@ def test_the_worse_one_of_a_pair_is_named_and_rejected_after_a_second_answer_tha
     against = pair_of([1.0, 1.0, 0.0, 0.0], {3: 1})
     assert (against.choice.kept, against.choice.lines()) == ((0, 1, 2, 3), [said])
     assert pair_of([1.0, 1.0, 0.0, 0.0], {1: 1}).choice.lines() == [], "it is labelled good"
-    assert choose(one.table(), Asked(ignored={"answers"})).lines() == []
     copied = pair_of([1.0, -1.0, -1.0, 0.0], {3: 1}, copy_of=np.array([0, 1, 1, 3]))
     assert copied.choice.rejected == {"answers": (1, 2)}
 
@@ -139,7 +134,7 @@ def test_the_worse_one_of_a_pair_is_named_and_rejected_after_a_second_answer_tha
 def test_a_share_or_a_probability_is_obeyed_in_full():
     table = {**table_of(["bad"] * 9 + ["good"]), "log_odds": range(10), "expert_proba": [0.05] * 10}
     table["label"][9] = "bad"
-    for asked, n in ((Asked(share=0.5), 4), (Asked(at_least=0.5), 0), (Asked(share=0.5, ignored={"labels"}), 5)):
+    for asked, n in ((Asked(share=0.5), 4), (Asked(at_least=0.5), 0)):
         assert len(choose(table, asked).kept) == n
 
 
@@ -153,12 +148,10 @@ def test_an_outcome_of_zero_rejects_and_is_named():
     assert audit.choice.rejected == {"outcome": (0,)}, "a label says more of its demonstration"
     assert audit.choice.lines() == ["Rejected: 1 by success = 0.", "  by success = 0: 0"]
     assert audit.said == ("success = 0", "", "", "")
-    assert choose(audit.table(), Asked(ignored={"outcome"})).kept == (0, 1, 2, 3)
     assert choose(audit.table(), Asked(spared={"0"})).kept == (0, 1, 2, 3)
     assert choose(audit.table(), Asked(share=1.0)).kept == (1, 2, 3)
     both = with_flags([0.0, 1.0, 0.0, np.nan], labels={0: -1})
     assert both.choice.rejected == {"labels": (0,), "outcome": (2,)}
-    assert choose(both.table(), Asked(ignored={"labels"})).rejected == {"outcome": (0, 2)}
     numbers = with_flags([0.0, 1.0, 0.0, 2.0])
     assert numbers.choice.rejected == {}, "no flag"
     copies = with_flags([0.0, 1.0, np.nan, np.nan], copy_of=np.array([0, 1, 0, 1]))
@@ -176,7 +169,7 @@ def test_the_file_of_an_audit_says_the_same_as_the_audit(tmp_path, extension):
         changes = {"anchor": "answers", "labels": labels, "answers": known if labels else Answers.none(10)}
         audit = make_audit(words, ids=ids, **changes)
         write_verdicts(path, audit, audit.table({}))
-        for asked in (Asked(), Asked(share=0.4), Asked(at_least=0.5), Asked(ignored={"answers"})):
+        for asked in (Asked(), Asked(share=0.4), Asked(at_least=0.5)):
             expected = choose(audit.table(), asked)
             assert expected.kept
             assert choose(audit.table({}), asked) == expected
@@ -244,7 +237,7 @@ def test_what_was_written_to_keep_is_carried_out_by_its_rules(tmp_path):
         choice = choose(table, asked)
         path = tmp_path / "keep.json"
         path.write_text(json.dumps(choice.to_dict()))
-        again = choose(read_verdicts(path, table["id"]))
+        again = choose(read_verdicts(path))
         assert ({*again.kept}, again.rejected) == ({*choice.kept}, choice.rejected)
         assert {*choice.kept}.isdisjoint([4] if asked.faulty == {"4"} else [])
     assert 1 in choice.kept, "spared, though it is labelled bad"
@@ -255,7 +248,7 @@ def test_a_list_to_keep_that_is_none_is_refused(tmp_path):
     for episodes, rejected in ((None, {}), (3, {}), ([[1]], {}), ([], {"labels": 3}), ([{}], {})):
         path.write_text(json.dumps({"episodes": episodes, "rejected": rejected}))
         with pytest.raises(DataError, match=r"keep\.json"):
-            read_verdicts(path, [1])
+            read_verdicts(path)
 
 
 @pytest.mark.parametrize(
@@ -268,7 +261,6 @@ def test_a_list_to_keep_that_is_none_is_refused(tmp_path):
         ({"share": 1}, "abcde"),
         ({"at_least": 0.6}, "acde"),
         ({"at_least": 0.991}, ""),
-        ({"ignored": {"answers"}}, "abcde"),
         ({"faulty": {"a", "b"}}, "cde"),
         ({"share": 0.6, "faulty": {"a"}}, "cd"),
     ],

@@ -34,7 +34,7 @@ def test_the_only_one_that_starts_somewhere_is_named_with_its_observation():
     highest = max(demonstrations[m][0][0, 1] for m in range(30) if m not in (3, 5))
     kept = [m for m in range(30) if m not in (3, 5)]
     assert lost_places(demonstrations, kept) == (
-        f"No kept demonstration starts with obs.3 above {np.ceil(highest * 1000) / 1000:.3f}; 30 does.",
+        f"No kept demonstration starts with obs.3 above {np.ceil(highest * 100) / 100:.2f}; 30 does.",
     )
     assert lost_places(demonstrations, [*kept, 30]) == ()
 
@@ -47,7 +47,7 @@ def test_states_that_nobody_else_reaches_are_named_where_the_start_is_usual():
     episodes = [*usual, (detour, usual[4][1])]
     (found,) = lost_places(Demonstrations.from_episodes(episodes, observation_names=NAMES), range(25))
     lowest = min(observations[:, 0].min() for observations, _ in usual)
-    assert found == f"No kept demonstration reaches hand below {np.floor(lowest * 1000) / 1000:.3f}; 25 does."
+    assert found == f"No kept demonstration reaches hand below {np.floor(lowest * 100) / 100:.2f}; 25 does."
 
 
 def test_a_hole_within_all_ranges_is_named_without_an_observation():

@@ -74,23 +74,18 @@ def test_label_is_the_reason_and_its_contradiction_with_the_other_answers_is_tol
     assert audit.reasons == ("Labelled good.", "Labelled bad, which contradicts the other answers: look again.")
 
 
-def test_outcome_is_the_reason_where_it_decided() -> None:
-    outcome = np.array([9.0, 5.0, 1.0, np.nan, 2.0])
-    answers = Answers(np.array([0, 0, 0, 0, 1]), np.empty((0, 2), dtype=np.int64), outcome[:, None], heard=(1,))
-    log_odds = np.array([3.0, 0.0, -3.0, -3.0, 4.0])
-    known = {"anchor": "answers", "finding": "answered", "answers": answers, "log_odds": log_odds}
-    steps = {"step_log_ratio": np.ones(100), "lengths": [20] * 5}
-    alone = known | {"answers": replace(answers, labels=np.zeros(5, dtype=int))}
-    assert make_audit(("open",) * 3 + ("bad",) * 2, **alone, **steps).reasons[3] == (
-        "Bad by the outcomes about others like it."
-    )
-    assert make_audit(("good", "open", "bad", "bad", "good"), **known, **steps).reasons == (
-        "Its outcome is among the highest.",
-        "Its score is between those of good and bad ones.",
-        "Its outcome is among the lowest.",
-        "Bad by your answers about others like it.",
-        "Labelled good.",
-    )
+BAD = "Bad by your answers about others like it."
+
+
+def test_learned_from_outcomes_alone_or_from_answers() -> None:
+    answers = replace(Answers.none(4), outcomes=np.array([9.0, 5.0, 1.0, np.nan])[:, None])
+    known = {"anchor": "answers", "finding": "answered", "log_odds": np.array([3.0, 0.0, -3.0, -3.0])}
+    words = ("good", "open", "bad", "bad")
+    alone = make_audit(words, **known, answers=answers, step_log_ratio=np.ones(80), lengths=[20] * 4)
+    assert alone.reasons[0] == "Good by the outcomes about others like it."
+    told = make_audit(words, **known, answers=answers, labels={3: -1}, step_log_ratio=np.ones(80), lengths=[20] * 4)
+    between = "Its score is between those of good and bad ones."
+    assert told.reasons == ("Good by your answers about others like it.", between, BAD, "Labelled bad.")
 
 
 def test_answers_about_others_are_the_reason_for_a_demonstration_without_one() -> None:
@@ -154,20 +149,3 @@ def test_what_was_said_is_the_reason_unless_others_speak_for_it():
     known = {"anchor": "answers", "finding": "answered", "answers": pairs, "log_odds": np.array([1.0, -4.0, 4.0])}
     audit = make_audit(("open", "bad", "good"), lengths=[9] * 3, step_log_ratio=np.ones(27), **known)
     assert audit.reasons[1:] == ("You called it worse than 0.", "Good by your answers about others like it.")
-
-
-def test_of_outcomes_that_are_not_heard_none_is_a_reason():
-    values = np.array([9.0, 1.0, 5.0, np.nan])[:, None]
-    for heard, said in (
-        ((1,), "Its outcome is among the highest."),
-        ((0,), "Good by the outcomes about others like it."),
-    ):
-        answers = replace(Answers.none(4), outcomes=values, names=("a",), heard=heard)
-        known = {"anchor": "answers", "finding": "answered", "answers": answers, "log_odds": np.array([4.0, -4, 0, 4])}
-        audit = make_audit(("good", "bad", "open", "good"), lengths=[9] * 4, step_log_ratio=np.ones(36), **known)
-        assert audit.reasons[0] == said
-        middle = replace(audit, answers=replace(answers, outcomes=np.array([9.0, 5.0, 1.0, np.nan])[:, None]))
-        assert middle.reasons[1] == "Bad by the outcomes about others like it.", "it is none of the lowest"
-        highest = replace(audit, answers=replace(answers, outcomes=np.array([5.0, 1.0, 9.0, np.nan])[:, None]))
-        assert highest.reasons[0] == "Good by the outcomes about others like it.", "it is none of the highest"
-        assert audit.reasons[3] == "Good by the outcomes about others like it.", "its own is not known"

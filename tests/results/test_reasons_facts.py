@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rpil.inference.channels import CHANNELS, normal_scores
-from rpil.results.reasons import RANKS, groups_differ, in_words, known_facts, style_in_words
+from rpil.results.reasons import RANKS, groups_differ, known_facts, style_in_words
 
 UNKNOWN, LENGTHS = np.empty((4, 0)), np.array([5, 9, 9, 8])
 
@@ -56,26 +56,15 @@ def test_what_is_not_known_is_left_out():
     ],
 )
 def test_the_time_limit_is_the_largest_length_of_several_and_not_of_all(lengths, reached):
-    found = known_facts(UNKNOWN, np.array(lengths), None)
-    assert found == reached
-    assert [in_words(found, m) for m in (0, 1)] == ["", "time limit reached" if reached else ""]
-
-
-def test_facts_in_words():
-    lengths = np.array([5, 9, 9, 9])
-    found = known_facts(columns(length=[1.0, 2.0, 3.0, 4.0]), lengths, np.arange(4.0))
-    found["session"] = ("mon", "mon", "tue\x1b", "tue")
-    ranks = "length 0.62, pauses 0.50, smoothness 0.50, path 0.50"
-    assert in_words(found, 2) == f"{ranks}, time limit reached, session tue\\x1b, number 3 of 4 in order"
-    assert in_words({}, 0) == ""
+    assert known_facts(UNKNOWN, np.array(lengths), None) == reached
 
 
 def test_a_style_names_the_length_and_the_ranks_that_are_far_from_the_middle():
     lengths = np.array([20, 40, 50, 100])
     facts = {"pauses": (0.1, 0.2, 0.5, 0.9), "smoothness": (0.5, 0.36, 0.6, 0.9), "length": (0.1, 0.4, 0.6, 0.9)}
-    assert style_in_words(facts, lengths, [0]) == "0.44 of the median length, fewer pauses"
+    assert style_in_words(facts, lengths, [0]) == "0.44 of the median length, pauses less"
     assert style_in_words(facts, lengths, [2]) == "1.11 of the median length"
-    assert style_in_words(facts, lengths, [2, 3]) == "1.67 of the median length, more pauses, smoother"
+    assert style_in_words(facts, lengths, [2, 3]) == "1.67 of the median length, pauses more, is smoother"
     assert style_in_words({}, lengths, [0, 1, 2, 3]) == "1.00 of the median length"
 
 

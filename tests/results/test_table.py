@@ -31,9 +31,8 @@ def read_rows(path: Path) -> list[dict[str, object]]:
 
 
 @pytest.mark.parametrize("extension", [".csv", ".parquet", ".json"])
-@pytest.mark.parametrize("ids", [None, ["a,b", 'say "x"', "é", "01", "=1", "5", "6", "7", "8", "9"]])
-def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension, ids):
-    audit = make_audit(ids=ids)
+def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension):
+    audit = make_audit(ids=["a,b", 'say "x"', "é", "01", "=1", "5", "6", "7", "8", "9"])
     path = tmp_path / f"verdicts{extension}"
     columns = audit.table({str(audit.ids[2]): "Ann"}, tasks={str(audit.ids[3]): "lift"})
     write_verdicts(path, audit, columns)

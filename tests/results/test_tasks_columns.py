@@ -7,7 +7,7 @@ from dataclasses import fields, is_dataclass, replace
 import numpy as np
 import pytest
 
-from audits import make_audit, make_traces
+from audits import make_audit
 from rpil import Audit
 from rpil.inference.answers import Answers
 from rpil.results.judged import Judged, table_fields
@@ -45,7 +45,6 @@ def full_audit() -> Audit:
         deviations=("It drops.", *[""] * 9),
         sessions=("mon",) * 5 + ("tue",) * 5,
         order=np.arange(10.0)[::-1],
-        traces={name: make_traces(length) for name, length in (("d0", 80), ("d3", 33))},
         own_reasons=tuple(f"For {name}." for name in IDS),
         within="tasks",
         fps=30.0,
@@ -114,7 +113,6 @@ def test_names_of_demonstrations_that_are_left_out_are_left_out():
     assert part.offsets.tolist() == [0, 80, 111, 143]
     assert (part.pair, part.competing, part.contradicting) == ((), (("a", "b", "c"), ()), ("c",))  # no pair of one
     assert part.demonstrators == (replace(audit.demonstrators[0], demonstrations=("a", "b", "c")),)
-    assert same(part.traces, {"a": audit.traces["d0"]})
     assert part.answers.labels.tolist() == [0, 1, -1]
     assert (part.answers.pairs.tolist(), part.answers.tied.tolist()) == ([[0, 1]], [])
     assert first_of(audit, IDS[:4]).copy_of.tolist() == [0, 1, 2, 0]

@@ -6,7 +6,6 @@ import asyncio
 import os
 import pickle
 import signal
-import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -27,7 +26,6 @@ from rpil.scale.fit import block_statistics
 from small import SAMPLE, small_rpil
 
 distributed = pytest.importorskip("distributed")
-dask = pytest.importorskip("dask.sizeof")
 
 # Where a worker is killed its connections are closed by whoever collects them: distributed's, not ours.
 pytestmark = [
@@ -49,7 +47,7 @@ def cluster():
 
 def demonstrations(maker=make, kind="noisy"):
     toy = maker(kind, 0, n_good=80, n_bad=40, steps=(20, 60))
-    return Demonstrations.from_arrays(toy.observations.astype(np.float32), toy.actions, toy.offsets)
+    return Demonstrations(toy.observations.astype(np.float32), toy.actions, toy.offsets)
 
 
 def assert_same(one, other):
@@ -59,14 +57,10 @@ def assert_same(one, other):
     assert one.audit_.verdicts == other.audit_.verdicts
 
 
-@pytest.mark.parametrize(("maker", "on_disk"), [(make, True), (make_continuous, False)])
-def test_fit_on_a_cluster_is_the_fit_in_memory(cluster, tmp_path, maker, on_disk):
-    data = demonstrations(maker)
+def test_fit_on_a_cluster_is_the_fit_in_memory(cluster):
+    data = demonstrations(make_continuous)
     labels = {0: "good", 100: "bad"}
     here = small_rpil(labels=labels).fit(data)
-    if on_disk:
-        formats.write(tmp_path / "a.parquet", data)
-        data = rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations
     there = small_rpil(engine=DaskEngine(cluster, n_shards=3), labels=labels).fit(data)
     assert_same(here, there)
 
@@ -143,20 +137,6 @@ def test_files_that_workers_cannot_read_are_refused(cluster, tmp_path):
         list(placed.map(_steps))
 
 
-def test_no_process_is_left_after_close():
-    with distributed.LocalCluster(
-        n_workers=1, processes=True, threads_per_worker=1, dashboard_address=":0", silence_logs="CRITICAL"
-    ) as cluster:
-        client = distributed.Client(cluster.scheduler_address, set_as_default=False)
-        pids = list(client.run(os.getpid).values())
-        small_rpil(engine=DaskEngine(client)).fit(demonstrations())
-        client.close()
-    for pid in pids:
-        with pytest.raises(ProcessLookupError):
-            os.kill(pid, 0)
-    assert not [thread for thread in threading.enumerate() if "IO loop" in thread.name and not thread.daemon]
-
-
 def test_a_cluster_that_is_closed_in_a_fit_is_told_in_one_sentence(monkeypatch):
     with distributed.LocalCluster(
         n_workers=1, processes=False, dashboard_address=":0", silence_logs="CRITICAL"
@@ -229,14 +209,6 @@ def test_a_cluster_without_workers_is_waited_for_no_longer():
     for call in (partial(odd.total, _steps), partial(DaskEngine(odd.client, n_shards=1).place, [])):
         with refused("The Dask cluster: it was lost .*no worker came"):
             call()
-
-
-def test_dask_knows_the_size_of_blocks():
-    data = demonstrations()
-    (block,) = data.shards(1, data.n_steps)[0]
-    prepared = block, FitData(data.observations, data.actions, data.offsets, None, np.zeros(120, dtype=int))
-    expected = 2 * (data.observations.nbytes + data.actions.nbytes)
-    assert expected <= dask.sizeof([prepared]) < expected + 1000
 
 
 def test_errors_of_the_data_pass_a_cluster_as_they_are():

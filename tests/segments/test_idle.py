@@ -28,11 +28,6 @@ def test_planted_rests_are_found_and_slow_motion_is_none():
     assert np.mean(called) <= 0.01
 
 
-def test_rests_that_are_exact_are_exact():
-    made = world(4)
-    np.testing.assert_array_equal(rpil.idle_rows(made.data), made.idle)
-
-
 def test_a_gripper_that_closes_is_waited_for():
     made = world(13, plants=False)
     assert (made.data.actions[:, -1] == 1).any()

@@ -18,7 +18,7 @@ from rpil.data.errors import DataError
 from rpil.formats import read_recording
 from rpil.formats.columns import ColumnOptions
 from rpil.segments.kinds import KINDS, Segments
-from rpil.segments.ranges import keys_of, segment_columns, subtask_columns
+from rpil.segments.ranges import cut_out, keys_of, segment_columns, subtask_columns
 
 IDS = ("plain", "a, b", 'say "x"', "é\u2028z", "=1+1", "__proto__")
 
@@ -90,8 +90,9 @@ def test_keys_are_what_a_trainer_wants(data):
     assert [*ranges("--ranges-id", "{folder}--{file}")] == keys
     assert [*ranges("--ranges-id", "x {id}")] == [f"x {name}" for name in IDS]
     for pattern in ("{folder}", "one", "{", "{}", "{id!r:>99999999}", "{id.__class__}"):
-        refused("--ranges-id|two have the key|no column is called", "audit", "a.csv", "--quiet", "--ranges", "r.json",
-                "--ranges-id", pattern)  # fmt: skip
+        with pytest.raises(DataError, match=r"--ranges-id|two have the key|no column is called"):
+            keys_of(pattern, IDS, "a.csv", ColumnOptions())
+    refused("two have the key", "audit", "a.csv", "--quiet", "--ranges", "r.json", "--ranges-id", "one")
     assert keys_of("{id}", [1, 2], "a.csv", ColumnOptions()) == ["1", "2"]
 
 
@@ -180,41 +181,26 @@ def test_rows_to_keep_become_demonstrations_of_their_own(data):
     np.testing.assert_array_equal(actions, demonstrations.actions[begin + 20 : begin + 31])
 
 
-@pytest.mark.parametrize(
-    ("given", "match"),
-    [
-        ({"plain": [[0, 10**9]]}, r"keep.json: demonstration 'plain' has \d+ rows, and \[0, 1000000000\] is no range"),
-        ({"plain": [[-1, 4]]}, "no range of them"),
-        ({"plain": [[4, 4]]}, "no range of them"),
-        ({"plain": [[0.5, 4]]}, "no range of them"),
-        ({"plain": [[True, 4]]}, "no range of them"),
-        ({"plain": [[float("nan"), 4]]}, "no range of them"),
-        ({"plain": 3}, "no range of them"),
-        ({"other": [[0, 4]]}, "no demonstration is called 'other'"),
-        ([[0, 4]], "is no range"),
-        ({"plain": []}, "keeps no rows"),
-        ({"plain": [[0, 4]], "other": []}, "no demonstration is called 'other'"),
-        ({}, "keeps no rows"),
-    ],
-)
-def test_other_ranges_are_refused_with_file_and_remedy(data, given, match):
-    Path("keep.json").write_text(json.dumps(given), encoding="utf-8")
+REFUSED = [
+    ({"plain": [[0, 10**9]]}, r"keep.json: demonstration 'plain' has \d+ rows, and \[0, 1000000000\] is no range"),
+    *(({"plain": own}, "no range of them") for own in ([[-1, 4]], [[4, 4]], [[0.5, 4]], [[True, 4]], [[np.nan, 4]], 3)),
+    ({"other": [[0, 4]]}, "no demonstration is called 'other'"),
+    ({"plain": [[0, 4]], "other": []}, "no demonstration is called 'other'"),
+    ([[0, 4]], "is no range"),
+    ({"plain": []}, "keeps no rows"),
+    ({}, "keeps no rows"),
+    *((text, "keep.json: it cannot be read as JSON") for text in ("a,b", '{"plain": [[0, 4]', "[" * 100_000)),
+    ('{"plain": [[0, 4]], "plain": [[5, 9]]}', "it names 'plain' twice"),
+]
+
+
+def test_other_ranges_are_refused_with_file_and_remedy(data):
+    for given, match in REFUSED:
+        Path("keep.json").write_text(given if isinstance(given, str) else json.dumps(given), encoding="utf-8")
+        with pytest.raises(DataError, match=match):
+            cut_out(data[0], "keep.json")
     refused(match, "convert", "a.csv", "--ranges", "keep.json", "-o", "b.parquet")
     assert not Path("b.parquet").exists()
-
-
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        ("a,b", "keep.json: it cannot be read as JSON"),
-        ('{"plain": [[0, 4]', "cannot be read as JSON"),
-        ("[" * 100_000, "cannot be read as JSON"),
-        ('{"plain": [[0, 4]], "plain": [[5, 9]]}', "it names 'plain' twice"),
-    ],
-)
-def test_a_file_that_holds_no_ranges_is_refused(data, text, match):
-    Path("keep.json").write_text(text, encoding="utf-8")
-    refused(match, "convert", "a.csv", "--ranges", "keep.json", "-o", "b.parquet")
 
 
 @pytest.mark.parametrize("names", ["id,Start,End,label", "id,from,to,label"])

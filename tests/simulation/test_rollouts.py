@@ -13,7 +13,7 @@ from scipy import stats
 from problems import refused
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.simulation.experts import expert
-from rpil.simulation.rollouts import Returns, record, rollout
+from rpil.simulation.rollouts import Returns, make, record, rollout
 
 ENVIRONMENTS = ["MountainCar-v0", "Acrobot-v1", "LunarLander-v3"]
 
@@ -105,21 +105,17 @@ def test_continuous_actions_are_clipped_when_executed_and_recorded():
         np.testing.assert_array_equal(one.rewards, two.rewards)
 
 
-def test_recording_nothing_gives_nothing():
-    assert record(Always(0), "CartPole-v1", n_episodes=0, seed=0) == []
-
-
 @pytest.mark.parametrize(
     ("policy", "env_id", "words"),
     [
         (Always(0), "not an id", "cannot make 'not an id'"),
-        (Always([0.5]), "CartPole-v1", r"shape \(2, 1\): predict must return one action 0 to 1"),
-        (Always([0, 0]), "Pendulum-v1", r"shape \(2, 2\): predict must return one finite number for each"),
-        (Always(0.5), "LunarLanderContinuous-v3", r"shape \(2,\): predict must return 2 finite numbers for each"),
-        (Always([np.nan]), "Pendulum-v1", "float64 .* one finite number"),
+        (Always([0.5]), "CartPole-v1", r"shape \(2, 1\): predict must return one finite action"),
+        (Always([0, 0]), "Pendulum-v1", r"shape \(2, 2\): predict must return one finite action"),
+        (Always(0.5), "LunarLanderContinuous-v3", r"shape \(2,\): predict must return one finite action"),
+        (Always([np.nan]), "Pendulum-v1", "float64 .* one finite action"),
         (Always(0), "Blackjack-v1", "Blackjack-v1 has Tuple .* only flat observations"),
-        (Always(2), "CartPole-v1", r"CartPole-v1 .* one action 0 to 1"),
-        (SimpleNamespace(predict=lambda rows: rows), "CartPole-v1", r"shape \(2, 4\): predict must return one action"),
+        (Always(2), "CartPole-v1", "CartPole-v1 .* one finite action"),
+        (SimpleNamespace(predict=lambda rows: rows), "CartPole-v1", r"shape \(2, 4\): predict must return one"),
     ],
 )
 def test_errors_are_one_sentence_with_the_place(policy, env_id, words):
@@ -144,15 +140,22 @@ def test_missing_physics_engine_names_the_extra(monkeypatch):
         rollout(Always(0), "LunarLander-v3", n_episodes=1, seed=0)
 
 
-def test_environments_are_closed_also_after_an_error(monkeypatch):
-    closed = []
-    monkeypatch.setattr(gymnasium.Wrapper, "close", lambda self: closed.append(self))
-    with pytest.raises(DataError):
-        rollout(Always(2), "CartPole-v1", n_episodes=3, seed=0)
-    assert len(closed) == 3
-
-
 def test_a_state_may_be_given_beside_the_actions():
     policies = SimpleNamespace(predict=lambda rows: (np.full(len(rows), 1.0), None)), Always(1)
     found, wanted = (rollout(policy, "CartPole-v1", n_episodes=3, seed=0) for policy in policies)
     np.testing.assert_array_equal(found.returns, wanted.returns)
+
+
+@pytest.mark.parametrize(
+    ("env_id", "message"),
+    [
+        ("own_worlds:Own-v0", "Gymnasium cannot make 'own_worlds:Own-v0' (ModuleNotFoundError: "),
+        ("Nowhere-v0", "Gymnasium cannot make 'Nowhere-v0' (NameNotFound: "),
+    ],
+)
+def test_what_is_missing_is_named(tmp_path, monkeypatch, env_id, message):
+    (tmp_path / "own_worlds.py").write_text("import missing_module")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(DataError) as error:
+        make(env_id)
+    assert str(error.value).startswith(message)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rpil.data.spaces import Box, Discrete
-from rpil.simulation.simulate import BAD_KINDS, CORRUPTIONS, RANDOM
+from rpil.simulation.simulate import CORRUPTIONS
 
 N, D, K = 2001, 3, 4
 NUMBERED = Discrete(K)
@@ -60,13 +60,6 @@ def test_seeded_and_leaves_its_input_alone(kind, of, request):
     np.testing.assert_array_equal((first[0] == episode[0]).all(), kind != "sensor")
     is_random = kind not in ("flip", "shift")
     assert all(np.array_equal(one, two) for one, two in zip(first, other, strict=True)) != is_random
-
-
-def test_corrupted_draws_uniformly_whatever_the_expert_did(episode):
-    _, actions = spoil("corrupted", episode)
-    assert_uniform(actions)
-    for k in range(K):
-        assert_uniform(actions[episode[1] == k])
 
 
 def assert_fills_the_box(actions):
@@ -150,8 +143,3 @@ def test_sensor_keeps_float32_and_a_constant_column():
     assert observations.dtype == np.float32
     np.testing.assert_array_equal(observations[:, 0], 1)
     assert (observations[:, 1] != frozen[:, 1]).all()
-
-
-def test_kinds_are_the_protocols_and_random_is_no_function():
-    assert BAD_KINDS == ("corrupted", "random", "flip", "shift", "noisy", "window", "sensor")
-    assert set(BAD_KINDS) - set(CORRUPTIONS) == {RANDOM}

@@ -13,8 +13,6 @@ import click
 
 from rpil.cli import commands, terminal
 from rpil.cli.options import (
-    CHOICE_NAMES,
-    CHOICE_OPTIONS,
     JUDGE_OPTIONS,
     LABELS_FILE,
     SEGMENT_OPTIONS,
@@ -22,13 +20,14 @@ from rpil.cli.options import (
     RunOptions,
     Value,
     command_words,
+    faults_option,
     format_option,
     verdict_limit,
     with_options,
 )
 from rpil.cli.terminal import THEN_RUN, fit, line_width, print_lines, show_stages, table_lines
 from rpil.data.text import MAX_LISTED_NAMES, listed, printable
-from rpil.results.vocabulary import PLURALS, SIDES, in_numbers, short_id
+from rpil.results.vocabulary import PLURALS, SIDES, short_id
 
 if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
@@ -65,7 +64,7 @@ if TYPE_CHECKING:
 )
 @click.option("--all", "all_rows", is_flag=True, help="Print a row for each demonstration, with its whole reason.")
 @format_option
-@with_options(*SEGMENT_OPTIONS, *CHOICE_OPTIONS, *JUDGE_OPTIONS)
+@with_options(*SEGMENT_OPTIONS, faults_option, *JUDGE_OPTIONS)
 @click.pass_context
 def audit(
     ctx: click.Context,
@@ -82,8 +81,8 @@ def audit(
     """
     outputs = {title: options.pop(title) for title in commands.OUTPUTS}
     lists = outputs["keep"] is not None or outputs["ranges"] is not None
-    if not lists and any(options[name] for name in CHOICE_NAMES):
-        raise click.UsageError("--ignore and --without-faults say what --keep lists: give --keep OUT.json")
+    if not lists and options["without_faults"]:
+        raise click.UsageError("--without-faults says what --keep lists: give --keep OUT.json")
     idle, pattern = options.pop("idle"), options.pop("ranges_id") or "{id}"
     if outputs["ranges"] is None and (idle, pattern) != ("keep", "{id}"):
         raise click.UsageError("--idle and --ranges-id say what --ranges writes: give --ranges OUT.json")
@@ -95,11 +94,11 @@ def audit(
             from rpil.formats.registry import find
 
             find(file).check_annotate(outputs["annotate"])
-        run = commands.judge(file, given, progress, traces=outputs["report"] is not None)
+        run = commands.judge(file, given, progress)
         recording, faults = run.recording, commands.look_for_faults(run.recording, progress, rules=given.without_faults)
         run = replace(run, faults=faults, asked=commands.choice_asked(given, faults) if lists else None)
         run = replace(run, idle=idle, pattern=pattern)
-        commands.write_outputs(outputs, run, progress)
+        said = commands.write_outputs(outputs, run, progress)
     result = run.audit
     if form == "json":
         of_data = {"run": result.run_id, "input": recording.description.to_dict()}
@@ -115,11 +114,10 @@ def audit(
         within = fit(result.assumptions[0], line_width(), 2) if result.within else ()
         head = recording.description.short() if all_rows else head_lines(recording.description)
         print_audit(result, [*head, *within, ""], faults, closing_lines(ctx, result), all_rows)
-    for title, path in outputs.items():
-        if path is not None:
-            click.echo(f"{title.capitalize()}: {path}", err=form != "text")
-            if form == "text" and not given.quiet:
-                print_lines(commands.lines_after_output(title, path, run))
+    for title, lines in said.items():
+        click.echo(f"{title.capitalize()}: {outputs[title]}", err=form != "text")
+        if form == "text" and not given.quiet:
+            print_lines(lines)
     return commands.tell_if_too_many(result, fail_on)
 
 
@@ -137,6 +135,7 @@ MAX_LINES, MIN_ROWS, MAX_ROWS = 25, 2, 8
 N_NAMED, N_FOUND = 3, 12
 """Operators that are named, and demonstrations to label next; those that the finding names, and members of a group."""
 
+ANSWER = "Answer in {} (id,label; docs/command-line.md), or let rpil label ask."
 SIDE_COLOURS = {"upper": "green", "open": "yellow", "lower": "red"}
 
 
@@ -149,7 +148,7 @@ def print_audit(
 ) -> None:
     """Print what to look at first, the lines of the `head`, the finding, recording `faults`, the table of those to look
     at, notes, and the lines of the `closing`."""
-    from rpil.results.overview import first_sentence, look_first
+    from rpil.results.overview import first_sentence, look_first, verdict_sentence
 
     width, odd = line_width(), [] if faults is None else odd_lines(faults)
     faulty = () if faults is None else faults.odd
@@ -183,10 +182,11 @@ def finding_lines(audit: Audit) -> list[str]:
     return [line for sentence in sentences for line in fit(sentence, line_width(), 2)]
 
 
-def verdict_sentence(audit: Audit) -> str:
-    """How many demonstrations have which verdict."""
-    size = f"{len(audit.ids):,} demonstrations ({audit.offsets[-1]:,} steps)"
-    return f"{size}: {in_numbers(audit.verdict_counts())}."
+def print_finding(audit: Audit) -> None:
+    """Print the finding, the doubts, and how many demonstrations have which verdict."""
+    from rpil.results.overview import verdict_sentence
+
+    print_lines([*finding_lines(audit), verdict_sentence(audit)])
 
 
 def odd_lines(report: FaultReport) -> list[str]:
@@ -202,24 +202,23 @@ def odd_lines(report: FaultReport) -> list[str]:
 
 
 def _columns(audit: Audit, shown: Sequence[int], all_rows: bool) -> dict[str, list[str]]:
-    """The verdict, or else the place, the score, where to look and why, without what is the same of all; the
-    probability and the whole reason where `all_rows` are printed."""
+    """The verdict, or else the place, the score, where to look and why, without what is the same of all; or the whole
+    reason where `all_rows` are printed."""
     from rpil.results.reasons import at_a_glance
 
-    proba, is_decided = audit.vocabulary.probability, {*audit.verdicts} != {"open"}
-    glances, digits = [at_a_glance(audit, audit.reasons[m], m) for m in shown], 1 + 2 * (abs(audit.log_odds).max() < 1)
+    digits, words = 1 + 2 * (abs(audit.log_odds).max() < 1), audit.verdicts
+    coloured = [click.style(words[m], fg=SIDE_COLOURS[SIDES[words[m]]]) for m in shown]
     columns = {
         "id": [printable(audit.ids[m]) if all_rows else short_id(audit.ids[m]) for m in shown],
-        "place": [f"{audit.ranks[m]:,}" for m in shown],
-        "verdict": [click.style(audit.verdicts[m], fg=SIDE_COLOURS[SIDES[audit.verdicts[m]]]) for m in shown],
+        **({"place": [f"{audit.ranks[m]:,}" for m in shown]} if {*words} == {"open"} else {"verdict": coloured}),
         "score": [f"{value:+,.{digits}f}" for value in audit.log_odds[[*shown]].tolist()],
-        proba: [f"{audit.expert_proba[m]:.3f}" * audit.has_proba(m) for m in shown],
-        "where": [where for where, _ in glances],
-        "why": [printable(audit.reasons[m]) if all_rows else why for m, (_, why) in zip(shown, glances, strict=True)],
     }
-    left_out = {"where"} if all_rows else {proba, "place" if is_decided else "verdict"}
-    left_out |= {name for name in (proba, "where", "why") if len({*columns[name]}) < 2}
-    return {name: own for name, own in columns.items() if name not in left_out}
+    if all_rows:
+        more = {"why": [printable(audit.reasons[m]) for m in shown]}
+    else:
+        glances = zip(*(at_a_glance(audit, audit.reasons[m], m) for m in shown), strict=True)
+        more = dict(zip(("where", "why"), map(list, glances), strict=True))
+    return columns | {name: own for name, own in more.items() if len({*own}) > 1}
 
 
 def _notes(audit: Audit, all_rows: bool, width: int) -> Iterator[str]:
@@ -234,8 +233,6 @@ def _notes(audit: Audit, all_rows: bool, width: int) -> Iterator[str]:
     if shares:
         names = listed(shares, len(shares) if all_rows else N_NAMED, ", ")
         sentences.append(f"{PLURALS.get(lower, lower).capitalize()} by operator: {names}.")
-    if counts:
-        sentences.append("To judge within each operator: --session operator, their column.")
     sentences += [f"Group {letter}, {len(ids):,}: {listed(ids, N_FOUND, ', ')}" for letter, ids in audit.groups.items()]
     for sentence in [*sentences, *audit.notes]:
         yield from fit(sentence, width, None if all_rows else 1)
@@ -244,13 +241,10 @@ def _notes(audit: Audit, all_rows: bool, width: int) -> Iterator[str]:
 def next_steps(audit: Audit, labels_file: str, command: Sequence[str]) -> list[str]:
     """The next step: the question whose answer says most, or the demonstrations to label, and the command to run
     then, which is `command` with ``--labels``."""
-    from rpil.results.answering import NEXT_STEPS
-
-    to_label, sentences = audit.suggest_labels(N_NAMED), [audit.question or f"Next: {NEXT_STEPS[audit.finding]}"]
-    if not audit.question and (audit.finding == "nothing could be learned" or not to_label):
-        return fit(sentences[0], line_width())
-    if not audit.question:
-        sentences.append(f"Best to label first: {listed(to_label, N_NAMED, ', ')}.")
-    sentences.append(f"Answer in {labels_file} (id,label; docs/command-line.md), or let rpil label ask.")
+    if not audit.question and audit.finding == "nothing could be learned":
+        return ["Check that the observations contain what the actions depend on."]
+    if not (to_label := audit.suggest_labels(N_NAMED)):
+        return []
+    sentences = audit.question or f"Best to label first: {listed(to_label, N_NAMED, ', ')}.", ANSWER.format(labels_file)
     lines = [line for sentence in sentences for line in fit(sentence, line_width(), 2)]
     return [*lines, f"{THEN_RUN}{shlex.join([*command, '--labels', labels_file])}"]

@@ -6,7 +6,6 @@ from __future__ import annotations
 import errno
 import io
 import os
-import re
 import shlex
 import sys
 import warnings
@@ -23,7 +22,7 @@ from rpil.cli.options import RunOptions, command_words
 from rpil.cli.terminal import LOADING, StageProgress, print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath
-from rpil.data.text import MAX_LISTED_NAMES, listed, printable
+from rpil.data.text import MAX_LISTED_NAMES, printable
 from rpil.results.vocabulary import PLURALS, SIDES
 
 if TYPE_CHECKING:
@@ -59,8 +58,6 @@ class Commands(click.Group):
         except click.UsageError as error:
             command = error.ctx.command_path if error.ctx else "rpil"
             message = error.format_message().rstrip(".?").replace(". Did", "; did").replace(". (Did", " (did")
-            if isinstance(error, click.NoSuchOption) and error.option_name == "--video":
-                message = "No such option '--video': --without-faults frozen-picture of rpil keep looks by itself"
             _exit_with_error(f"{message}; see {command} --help.")
         except DataError as error:
             _exit_with_error(error.in_shell)
@@ -163,9 +160,9 @@ class AuditRun:
         return lost_places(self.recording.demonstrations, self.choice.kept)
 
 
-def judge(file: str, given: RunOptions, progress: StageProgress, traces: bool = True) -> AuditRun:
+def judge(file: str, given: RunOptions, progress: StageProgress) -> AuditRun:
     """Judge the demonstrations in `file` within their tasks and sessions, beside those of the --reference, which is
-    read by the same columns; then the data are read into memory. Without `traces` no page can draw them."""
+    read by the same columns; then the data are read into memory."""
     columns, reference = given.columns, given.reference
     recording, beside = open_recording(file, columns, progress, None if reference is None else False), None
     if columns.only and reference is None and len(recording.demonstrations) == 1:
@@ -183,7 +180,7 @@ def judge(file: str, given: RunOptions, progress: StageProgress, traces: bool = 
     stated, ctx = Statements.of(recording, given.labels, None, reference=beside), click.get_current_context()
     features = JUDGE_FEATURES if given.features == "auto" else given.features  # no policy is kept
     command = shlex.join(command_words(ctx, str(ctx.info_name), without=("quiet",)))
-    chosen = FitOptions(features, given.adversary, given.seed, ctx.obj or Settings(), progress, traces=traces)
+    chosen = FitOptions(features, given.adversary, given.seed, ctx.obj or Settings(), progress)
     audit = audit_recording(recording, stated, chosen, file, command, (given.labels, reference, *columns.files))
     return AuditRun(audit, file, recording, {name: str(who) for name, who in stated.demonstrators.items()})
 
@@ -206,54 +203,72 @@ OUTPUTS = ("ranges", "segments", "weights", "verdicts", "keep", "report", "annot
 """The options that name these files, in the order in which they are written."""
 
 
-def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: StageProgress) -> None:
-    """Write the files of `OUTPUTS` whose paths are given."""
-    audit = run.audit
+def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: StageProgress) -> dict[str, list[str]]:
+    """Write the files of `OUTPUTS` whose paths are given; sentences by option on what they leave out, and how they are
+    taken."""
+    said = dict[str, list[str]]()
     for title, path in ((title, paths[title]) for title in OUTPUTS):
-        if path is None:
-            continue
-        from rpil.formats import write_columns, write_weights
-        from rpil.formats.registry import find
-        from rpil.results.choice import file_ids, write_kept, write_verdicts
-        from rpil.results.html.page import write_page
-        from rpil.segments.ranges import segment_columns, subtask_columns, write_ranges
+        if path is not None:
+            progress(f"writing {path}")
+            said[title] = _write(title, path, run)
+    return said
 
-        progress(f"writing {path}")
-        if title == "weights":
-            steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
-            write_weights(path, *steps, run.recording.step_columns)
-            if audit.step_weight.min() == audit.step_weight.max():
-                why = "because nothing says who is good; two answers do, one good and one bad"
-                warnings.warn(f"{path}: every step weighs the same, {why}.", stacklevel=1)
-        elif title == "verdicts":
-            findings = run.faults.findings if run.faults else ()
-            write_verdicts(path, audit, audit.table(run.demonstrators, run.recording.tasks, findings))
-        elif title == "keep":
-            write_kept(path, audit, run.choice)
-            if not run.choice.kept:
-                warnings.warn(f"{path}: it lists no demonstration, because all are rejected.", stacklevel=1)
-        elif title == "ranges":
-            write_ranges(path, run.ranges)
-        elif title == "segments":
-            write_columns(path, segment_columns(run.segments, file_ids(audit.ids), audit.fps), "segments")
-        elif title == "report":
-            write_page(path, audit, about(run))
-        else:
-            table, names = audit.table(), {"verdict": "verdict", "score": "log_odds", "rejected_by": "rejected_by"}
-            ids = [*map(str, audit.ids)]
-            rows = {f"rpil/{name}": dict(zip(ids, table[own], strict=True)) for name, own in names.items()}
-            find(run.source).annotate(path, rows | subtask_columns(run.segments, ids))
+
+def _write(title: str, path: str, run: AuditRun) -> list[str]:
+    from rpil.formats import write_columns, write_weights
+    from rpil.formats.registry import find
+    from rpil.results.choice import file_ids, write_kept, write_verdicts
+    from rpil.results.html.page import write_page
+    from rpil.segments.ranges import segment_columns, subtask_columns, write_ranges
+
+    audit, n = run.audit, len(run.audit.ids)
+    if title == "ranges":
+        write_ranges(path, run.ranges)
+        n_rows = sum(last - first for own in run.ranges.values() for first, last in own)
+        return [f"{n_rows:,} of {audit.offsets[-1]:,} rows kept, of {len(run.ranges):,} demonstrations."]
+    if title == "segments":
+        write_columns(path, segment_columns(run.segments, file_ids(audit.ids), audit.fps), "segments")
+        columns = run.segments.score, run.segments.demonstration, run.segments.start, run.segments.reason
+        found = sorted(row for row in zip(*columns, strict=True) if row[-1])
+        told = [f"  {printable(f'{audit.ids[m]}, from row {row}: {why}')}." for _, m, row, why in found]
+        return [f"{len(found):,} to look at.", *told[:MAX_LISTED_NAMES]]
+    if title == "weights":
+        steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
+        write_weights(path, *steps, run.recording.step_columns)
+        if audit.step_weight.min() == audit.step_weight.max():
+            why = "because nothing says who is good; two answers do, one good and one bad"
+            warnings.warn(f"{path}: every step weighs the same, {why}.", stacklevel=1)
+    elif title == "verdicts":
+        findings = run.faults.findings if run.faults else ()
+        write_verdicts(path, audit, audit.table(run.demonstrators, run.recording.tasks, findings))
+    elif title == "keep":
+        write_kept(path, audit, run.choice)
+        if not run.choice.kept:
+            warnings.warn(f"{path}: it lists no demonstration, because all are rejected.", stacklevel=1)
+        lost = run.lost if 0 < len(run.choice.kept) < len(run.recording.ids or audit.ids) else ()
+        first, *more = [*run.choice.lines(), ""]
+        return [f"{len(run.choice.kept):,} of {n:,} kept. {first}".rstrip(), *filter(None, more), *lost]
+    elif title == "report":
+        write_page(path, audit, about(run))
+    else:
+        table, names = audit.table(), {"verdict": "verdict", "score": "log_odds", "rejected_by": "rejected_by"}
+        ids = [*map(str, audit.ids)]
+        rows = {f"rpil/{name}": dict(zip(ids, table[own], strict=True)) for name, own in names.items()}
+        find(run.source).annotate(path, rows | subtask_columns(run.segments, ids))
+        keeps = 'episode_filter=lambda episode: not episode["rpil/rejected_by"]'
+        return [f"For LeRobot: LeRobotDataset({Path(path).name!r}, root={path!r}, {keeps})"]
+    return []
 
 
 def about(run: AuditRun) -> About:
     """Context that the report shows beside the audit."""
     from rpil.data.demonstrations import Demonstrations
-    from rpil.data.privacy import for_others
+    from rpil.data.text import for_others
     from rpil.faults.set_table import set_table
     from rpil.results.html.page import About, no_faults
 
     read, lerobot = run.recording.description, run.recording.description.format.startswith("LeRobot")
-    hub, source = re.match(r"hf://datasets/([\w.-]+/[\w.-]+)", run.source), for_others(run.source)
+    source = for_others(run.source)
     return About(
         title=f"Audit of {Path(source).name}",
         source=source,
@@ -265,30 +280,7 @@ def about(run: AuditRun) -> About:
         demonstrators=run.demonstrators,
         segments=run.segments if isinstance(run.recording.demonstrations, Demonstrations) else None,  # in memory
         lerobot=lerobot,
-        hub=hub[1] if hub and lerobot else "",
     )
-
-
-def lines_after_output(title: str, path: str, run: AuditRun) -> list[str]:
-    """Sentences on what the file at `path`, an output, leaves out, and how LeRobot takes it."""
-    if title == "annotate":
-        keeps = 'episode_filter=lambda episode: not episode["rpil/rejected_by"]'
-        return [f"For LeRobot: LeRobotDataset({Path(path).name!r}, root={path!r}, {keeps})"]
-    if title == "ranges":
-        n_rows = sum(last - first for own in run.ranges.values() for first, last in own)
-        return [f"{n_rows:,} of {run.audit.offsets[-1]:,} rows kept, of {len(run.ranges):,} demonstrations."]
-    if title == "segments":
-        found = zip(
-            run.segments.reason, run.segments.score, run.segments.demonstration, run.segments.start, strict=True
-        )
-        told = sorted((score, f"{run.audit.ids[m]}, from row {start}: {why}") for why, score, m, start in found if why)
-        return [f"{len(told):,} to look at.", *(f"  {printable(line)}." for _, line in told[:MAX_LISTED_NAMES])]
-    if title != "keep":
-        return []
-    kept, rejected = run.choice.kept, [*run.choice.lines(), ""]
-    lines = [f"{len(kept):,} of {len(run.audit.ids):,} kept. {rejected[0]}".rstrip(), *rejected[1:-1]]
-    lines += look_lines(run.audit, run.choice, run.faults)
-    return [*lines, *(run.lost if 0 < len(kept) < len(run.recording.ids or run.audit.ids) else ())]
 
 
 def choice_asked(
@@ -301,21 +293,18 @@ def choice_asked(
     for rule in filter(unknown.__contains__, options.without_faults):
         click.echo(f"note: --without-faults: {rule} was not checked, because {unknown[rule]}.", err=True)
     faulty = {str(fault.id) for fault in faults if fault.rule in options.without_faults}
-    return Asked(share, at_least, {*options.ignore}, faulty)
+    return Asked(share, at_least, faulty)
 
 
 def look_lines(audit: Audit, choice: Choice, report: FaultReport | None = None) -> Iterator[str]:
-    """Lines to look at until answers contrast: the lowest of the ranking that are kept, the odd ones where they are
-    known, and the question."""
+    """The demonstrations to look at, and the question, until answers contrast."""
+    from rpil.results.overview import first_sentence
+
     if choice.asked.by_number or audit.anchor == "named adversary" or audit.answers.once(audit.copy_of).contrast:
         return
-    kept = {*choice.kept}
-    odd = [name for name in (report.odd if report else ()) if name in kept]
-    lowest = [audit.ids[m] for m in audit.ranking()[::-1].tolist() if audit.ids[m] in kept][:MAX_LISTED_NAMES]
-    yield f"Look at {listed(lowest)}, the lowest of the ranking{f'; and at odd recordings: {listed(odd)}' * bool(odd)}."
-    pair = audit.pair if audit.question else audit.suggest_labels(1)
-    if pair:
-        yield audit.question or f"Is it good or bad: {printable(pair[0])}?"
+    yield first_sentence(audit, report.odd if report else ())
+    if audit.question:
+        yield audit.question
 
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:

@@ -6,7 +6,7 @@ import hashlib
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
@@ -17,6 +17,7 @@ from rpil.cli.terminal import to_json, to_one_line
 from rpil.data.archive import rpil_version
 from rpil.data.text import counted, printable
 from rpil.faults.report import NUMBERS, OF_AUDIT, RULE_NAMES, RULES
+from rpil.inference.findings import FINDINGS
 
 if TYPE_CHECKING:
     from rpil.faults.rule import Fault
@@ -32,9 +33,9 @@ SARIF_LEVELS = {"broken": "error", "suspect": "warning", "odd": "note"}
 RULES_PAGE = "https://github.com/rpil/rpil/blob/main/docs/teams.md"
 
 
-class NumberedFinding(NamedTuple):
-    """The number of its rule, the demonstration or the part of a folder, what is seen, and in which line, or row, of
-    which file of a folder."""
+class Numbered(NamedTuple):
+    """A finding: the number of its rule, the demonstration or the part of a folder, what is seen, and in which line, or
+    row, of which file of a folder."""
 
     number: str
     place: str
@@ -43,16 +44,16 @@ class NumberedFinding(NamedTuple):
     file: str = ""
 
 
-def of_faults(faults: Iterable[Fault], recording: Recording | None = None) -> list[NumberedFinding]:
+def of_faults(faults: Iterable[Fault], recording: Recording | None = None) -> list[Numbered]:
     """Findings in recordings, their folder and videos; with the line or row of the recording at which they begin."""
     named = [(one, printable(one.id) or ("the set" if one.ids else "the folder")) for one in faults]
     where = [_line(recording, one) if recording else (1, "") for one, _ in named]
-    return [NumberedFinding(NUMBERS[f.rule], name, f.sentence, *at) for (f, name), at in zip(named, where, strict=True)]
+    return [Numbered(NUMBERS[f.rule], name, f.sentence, *at) for (f, name), at in zip(named, where, strict=True)]
 
 
 def _line(recording: Recording, fault: Fault) -> tuple[int, str]:
     """The line of a text file at which a fault begins, or the row of another; and which file of a folder it is."""
-    from rpil.formats.dialect import TEXT_SUFFIXES
+    from rpil.formats.csv import TEXT_SUFFIXES
 
     source, name = recording.description.source.lower(), fault.ids[0] if fault.ids else fault.id
     ids = [*recording.steps.ids]  # of the rows that were read
@@ -64,50 +65,45 @@ def _line(recording: Recording, fault: Fault) -> tuple[int, str]:
     return number - int(ends[k]) + 1 + source.endswith(TEXT_SUFFIXES), [*sizes, ""][k]
 
 
-def of_audit(audit: Audit) -> list[NumberedFinding]:
+def of_audit(audit: Audit) -> list[Numbered]:
     """Each demonstration with a low verdict, the lowest first, and what the audit as a whole leaves open."""
-    from rpil.inference.findings import FINDINGS
-
     low = [m for m in audit.ranking()[::-1].tolist() if audit.verdicts[m] in OF_AUDIT]
-    found = [NumberedFinding(NUMBERS[audit.verdicts[m]], printable(audit.ids[m]), audit.reasons[m]) for m in low]
+    found = [Numbered(NUMBERS[audit.verdicts[m]], printable(audit.ids[m]), audit.reasons[m]) for m in low]
     if audit.finding in OF_AUDIT:
-        said = " ".join([FINDINGS[audit.finding], *audit.doubts])
-        found.append(NumberedFinding(NUMBERS[audit.finding], "all", said))
+        found.append(Numbered(NUMBERS[audit.finding], "all", " ".join([FINDINGS[audit.finding], *audit.doubts])))
     return found
 
 
-def written(form: str, found: Sequence[NumberedFinding], source: str, title: str, sentence: str) -> str:
+def written(form: str, found: Sequence[Numbered], source: str, title: str, sentence: str) -> str:
     """The findings in the data at `source` as "sarif" or "markdown", there below a title and a sentence."""
     return to_json(sarif(found, source)) if form == "sarif" else markdown(f"{title}: {source}", sentence, found)
 
 
-def sarif(found: Sequence[NumberedFinding], source: str) -> dict[str, object]:
+def sarif(found: Sequence[Numbered], source: str) -> dict[str, object]:
     """The findings in the data at `source` as SARIF 2.1.0.
 
     Code scanning tells results apart by their fingerprints, here of the rule, the demonstration, and how many came
-    before of both. What a model says is a note, and what rules find an error, a warning or a note, by their grade.
+    before of both.
     """
-    numbers = sorted({one.number for one in found})
-    rules = []
-    for number, name in ((number, RULE_NAMES[number]) for number in numbers):
-        words = OF_AUDIT.get(name) or RULES[name].words
-        about = {"name": name.title().replace(" ", ""), "shortDescription": {"text": words}}
-        rules.append({"id": number, **about, "helpUri": f"{RULES_PAGE}#numbered-rules"})
-    seen, results = Counter[tuple[str, str]](), []
-    for one in found:
-        mark = *one[:2], seen[one[:2]]
-        seen[one[:2]] += 1
-        at = {"artifactLocation": {"uri": _address(source, one.file)}, "region": {"startLine": one.line}}
+    rules, results, seen = dict[str, Mapping[str, object]](), [], Counter[tuple[str, str]]()
+    for number, place, sentence, line, file in sorted(found, key=lambda one: one.number):
+        name, rule = RULE_NAMES[number], RULES.get(RULE_NAMES[number])
+        words = {"text": rule.words if rule else OF_AUDIT[name]}
+        about = {"id": number, "name": name.title().replace(" ", ""), "shortDescription": words}
+        rules.setdefault(number, about | {"helpUri": f"{RULES_PAGE}#numbered-rules"})
+        mark = repr((number, place, seen[number, place]))
+        seen[number, place] += 1
+        at = {"artifactLocation": {"uri": _address(source, file)}, "region": {"startLine": line}}
         result = {
-            "ruleId": one.number,
-            "ruleIndex": numbers.index(one.number),
-            "level": SARIF_LEVELS[RULES[name].grade] if (name := RULE_NAMES[one.number]) in RULES else "note",
-            "message": {"text": f"{one.place}: {to_one_line(one.sentence)}"},
-            "locations": [{"physicalLocation": at, "logicalLocations": [{"name": one.place}]}],
-            "partialFingerprints": {"primaryLocationLineHash": hashlib.sha256(repr(mark).encode()).hexdigest()},
+            "ruleId": number,
+            "ruleIndex": len(rules) - 1,
+            "level": SARIF_LEVELS[rule.grade] if rule else "note",
+            "message": {"text": f"{place}: {to_one_line(sentence)}"},
+            "locations": [{"physicalLocation": at, "logicalLocations": [{"name": place}]}],
+            "partialFingerprints": {"primaryLocationLineHash": hashlib.sha256(mark.encode()).hexdigest()},
         }
         results.append(result)
-    driver = {"name": "rpil", "version": rpil_version(), "informationUri": RULES_PAGE, "rules": rules}
+    driver = {"name": "rpil", "version": rpil_version(), "informationUri": RULES_PAGE, "rules": [*rules.values()]}
     schema = "https://json.schemastore.org/sarif-2.1.0.json"
     return {"$schema": schema, "version": "2.1.0", "runs": [{"tool": {"driver": driver}, "results": results}]}
 
@@ -123,18 +119,16 @@ def _address(source: str, file: str) -> str:
     return quote(path.relative_to(Path.cwd()).as_posix()) if path.is_relative_to(Path.cwd()) else path.as_uri()
 
 
-def markdown(title: str, headline: str, found: Sequence[NumberedFinding]) -> str:
+def markdown(title: str, headline: str, found: Sequence[Numbered]) -> str:
     """The findings as a table of Markdown below a title and a sentence."""
-    lines = [f"### {_plain(title)}", "", _plain(headline)]
+    lines, counts = [f"### {_plain(title)}", "", _plain(headline)], Counter(number for number, *_ in found)
     if found:
-        counts = Counter(one.number for one in found)
         by_rule = ", ".join(f"{counts[number]:,} {RULE_NAMES[number]} ({number})" for number in sorted(counts))
         lines += ["", f"{counted(len(found), 'finding')}: {by_rule}.", ""]
         lines += ["| rule | demonstration | what is seen |", "|---|---|---|"]
-        lines += [f"| {one.number} | {_plain(one.place)} | {_plain(one.sentence)} |" for one in found[:MAX_TABLE_ROWS]]
-    if len(found) > MAX_TABLE_ROWS:
-        lines += ["", f"... and {len(found) - MAX_TABLE_ROWS:,} more."]
-    return "\n".join(lines)
+        lines += ["| " + " | ".join(map(_plain, one[:3])) + " |" for one in found[:MAX_TABLE_ROWS]]
+    more = len(found) - MAX_TABLE_ROWS
+    return "\n".join([*lines, *["", f"... and {more:,} more."] * (more > 0)])
 
 
 def _plain(text: str) -> str:

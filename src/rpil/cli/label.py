@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING
 import click
 
 from rpil.cli import commands, terminal
-from rpil.cli.audit import finding_lines, verdict_sentence
+from rpil.cli.audit import print_finding
 from rpil.cli.options import LABEL_OPTIONS, LABELS_FILE, RunOptions, Value, command_words, with_options
 from rpil.cli.terminal import show_stages
 from rpil.data.errors import DataError
 from rpil.data.folders import is_dangling
-from rpil.data.text import counted, listed
+from rpil.data.text import counted
 
 if TYPE_CHECKING:
     from rpil.cli.questions.server import Review
@@ -58,7 +58,7 @@ def begin(file: str, options: dict[str, Value], most: int | None) -> tuple[comma
     if not run.audit.columns.size:
         raise DataError(f"{file}: this audit keeps nothing to learn from answers; leave out --adversary.")
     commands.tell_of_set_aside(run.recording)
-    terminal.print_lines([*finding_lines(run.audit), verdict_sentence(run.audit)])
+    print_finding(run.audit)
     from rpil.cli.questions.session import Session
 
     return run, Session(run.audit, path, before, most)
@@ -93,14 +93,13 @@ def last_lines(session: Session, audit: Sequence[str]) -> Iterator[str]:
 
 def ask(session: Session) -> None:
     """Ask until nothing is left, or the user ends it."""
-    from rpil.cli.questions.session import choices, contradiction_lines, count_asked, fact_lines, question_sentence
+    from rpil.cli.questions.session import choices, contradiction_lines, count_asked, question_sentence
 
-    click.echo("Ranks: 0 is the least of all, 1 the most. To say why, write it after the key, as: b slips at 3 s")
+    click.echo("To say why, write it after the key, as: b slips at 3 s")
     terminal.print_lines(contradiction_lines((), session.audit))
     while question := session.question:
         number = f"Question {count_asked(session.given) + 1} of {MAX_QUESTIONS} at most."
         terminal.print_lines(["", f"{number} {question_sentence(session.audit, question)}"])
-        terminal.print_lines(f"  {line}" for line in fact_lines(session.audit, question))
         key, note = _read_key(choices(question) | {"z": "Undo", "q": "Quit"})
         if key == "q":
             break
@@ -181,33 +180,20 @@ def _review(ctx: click.Context, run: commands.AuditRun, session: Session, quiet:
         progress("looking for videos")
         # By another column of ids, no demonstration is an episode that videos are named after.
         videos = EpisodeVideos.of(run.source, () if run.recording.options.id else run.audit.ids, run.audit.fps)
-    written: dict[str, object] = {}
     return Review(
         session=session,
         about=commands.about(run),
         videos=videos,
-        finish=lambda given: _finish(ctx, run, session, written, given),
+        finish=lambda given: _finish(ctx, run, session, given),
         data=run.recording.demonstrations,
     )
 
 
-def _finish(
-    ctx: click.Context,
-    run: commands.AuditRun,
-    session: Session,
-    written: dict[str, object],
-    given: Mapping[str, Parsed],
-) -> View:
+def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given: Mapping[str, Parsed]) -> View:
     """Which demonstrations are kept, and by which rules the others are not; or, if a page asks to "write", the files
-    `BESIDE` that of the answers.
-
-    The page gives the ids that are "spared" and the "rules" of faults that reject. `written` are the digests of what
-    this run wrote before: where other files would be replaced, they are returned as "exists", and given back as
-    "replace" where a user agrees.
-    """
+    `BESIDE` that of the answers. The page gives the ids that are "spared" and the "rules" of faults that reject."""
     from rpil.formats.registry import find
     from rpil.results.choice import Asked
-    from rpil.results.provenance import digest
 
     said = (given.get(name) for name in ("spared", "rules"))
     spared, rules = ({*map(str, one)} if isinstance(one, list) else set() for one in said)
@@ -222,12 +208,8 @@ def _finish(
     for path in filter(os.path.islink, beside.values()):
         raise DataError(f"{path}: it is a link, and no review writes where a link leads; remove it.")
     commands.check_paths((run.source, session.path, *run.recording.options.files), *beside.values())
-    others = [path for path in beside.values() if os.path.exists(path) and digest(path) != written.get(path)]
-    if others and others != given.get("replace"):
-        return {"lines": [f"Replace {listed(others)}? This run did not write them."], "exists": others}
     with ctx.scope(cleanup=False):  # the server answers in threads, which have no context
         commands.write_outputs({title: beside.get(title) for title in commands.OUTPUTS}, run, lambda _: None)
-    written |= {path: digest(path) for path in beside.values()}
     suffix = ".json" if find(run.source).unkept(run.recording.options) else Path(run.source).suffix
     new = f"{Path(run.source).stem}-kept{suffix}"
     command = [*command_words(ctx, "keep", WITHOUT), "--verdicts", beside["keep"], "-o", new]

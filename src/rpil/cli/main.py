@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rpil.cli import commands, terminal
-from rpil.cli.audit import audit, closing_lines, finding_lines, verdict_sentence
+from rpil.cli.audit import audit, closing_lines, print_finding
 from rpil.cli.check import check, print_set
 from rpil.cli.label import label, review
 from rpil.cli.options import (
-    CHOICE_OPTIONS,
     COLUMN_OPTIONS,
     FIT_OPTIONS,
     JUDGE_OPTIONS,
     OutputFile,
     RunOptions,
     command_words,
+    faults_option,
     outcome_option,
     pop_columns,
     quiet_option,
@@ -108,7 +108,7 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
         model.fit(recording, labels=run.labels)
         save(model, output)
     commands.tell_of_set_aside(recording)
-    print_lines([*finding_lines(model.audit_), verdict_sentence(model.audit_)])
+    print_finding(model.audit_)
     print_lines(closing_lines(ctx, model.audit_))
     click.echo(f"Policy: {output}")
 
@@ -128,7 +128,7 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     metavar="FILE",
     help="Keep by this file and judge nothing: the table of rpil audit --verdicts, the list of --keep, or labels.",
 )
-@with_options(*CHOICE_OPTIONS, *JUDGE_OPTIONS)
+@with_options(faults_option, *JUDGE_OPTIONS)
 def keep(
     file: str,
     output: str,
@@ -222,22 +222,16 @@ def convert(file: str, output: str, ranges: str | None, quiet: bool, **options: 
 
 
 @main.command()
-@click.option("--episodes", type=click.IntRange(2), default=100, show_default=True, help="Episodes for each policy.")
 @click.option(
     "-o", "--output", type=OutputFile(".html"), default="rpil-demo.html", show_default=True, help="The report."
 )
 @seed_option
 @quiet_option
-def demo(episodes: int, output: str, seed: int, quiet: bool) -> None:
-    """Run rpil on two data sets that come with it.
-
-    One is of people who play a cooking game, the other of a lunar lander.
-    """
+def demo(output: str, seed: int, quiet: bool) -> None:
+    """Audit real people who play a cooking game, and compare the ranking with their score."""
     commands.check_paths((), output)
     with show_stages(quiet) as progress:
         from rpil.cli.demo import run
 
-        result = run(episodes=episodes, seed=seed, progress=progress)
-        progress("writing the report")
-        result.write_report(output)
-    click.echo("\n".join([*result.sentences, f"Report: {output}"]))
+        sentence = run(output, seed, progress)
+    click.echo(f"{sentence}\nReport: {output}")

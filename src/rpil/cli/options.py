@@ -37,8 +37,6 @@ class RunOptions:
     seed: int
     quiet: bool
     reference: str | None = None
-    ignore: tuple[str, ...] = ()
-    """Rules of `rpil keep` that reject nobody."""
     without_faults: tuple[str, ...] = ()
     """Rules of ``rpil check`` that reject."""
 
@@ -80,13 +78,12 @@ def verdict_limit(ctx: click.Context, param: click.Parameter, value: str | None)
 
 
 def _rule_names(ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]) -> tuple[str, ...]:
-    """The names of `CHOICE_RULES`, or of the rules of ``rpil check``, in texts that have commas between them."""
-    names = [name.strip() for text in texts for name in text.split(",")]
-    if param.name == "ignore" or not names:
-        return tuple(click.Choice(CHOICE_RULES).convert(name, param, ctx) for name in names)
+    """The names of rules of ``rpil check`` in texts that have commas between them."""
+    if not texts:
+        return ()
     from rpil.faults.report import rule_name
 
-    return tuple(rule_name(name, param.opts[0]) for name in names)
+    return tuple(rule_name(name.strip(), param.opts[0]) for text in texts for name in text.split(","))
 
 
 seed_option = click.option(
@@ -183,14 +180,13 @@ JUDGE_OPTIONS = (
     ),
 )
 
-CHOICE_RULES = ("labels", "outcome", "answers", "adversary")
-"""Rules of `rpil.results.choice` that can be ignored; that module takes long to import, and a test compares them."""
-_SAY_NAMES: Value = {"metavar": "RULES", "multiple": True, "callback": _rule_names}
-CHOICE_OPTIONS = (
-    click.option("--ignore", **_SAY_NAMES, help=f"Reject nobody by {', '.join(CHOICE_RULES)}."),
-    click.option("--without-faults", **_SAY_NAMES, help="Reject by faults, as jump,frozen-sensor."),
+faults_option = click.option(
+    "--without-faults",
+    metavar="RULES",
+    multiple=True,
+    callback=_rule_names,
+    help="Reject by faults, as jump,frozen-sensor.",
 )
-CHOICE_NAMES = ("ignore", "without_faults")
 SEGMENT_OPTIONS = (
     click.option(
         "--ranges", type=OutputFile(".json"), help="Also write the rows to keep of each demonstration, as trainers do."

@@ -7,8 +7,6 @@ import re
 import shutil
 import sys
 import textwrap
-import threading
-import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -33,34 +31,18 @@ StageProgress = Callable[[str], None]
 LOADING = "loading the libraries"
 """The stage of a command until it names another one."""
 
-FIRST, INTERVAL, ELAPSED_SHARE = 1.0, 3.0, 0.1
-"""Seconds until the first line of progress, between two lines at least, and as a share of the elapsed time; a terminal
-shows one line, anew every `FIRST` seconds."""
-
 
 @contextmanager
 def show_stages(quiet: bool) -> Iterator[StageProgress]:
-    """A function that shows the current stage on stderr; it shows nothing if `quiet`."""
-    start, latest, finished, in_place = time.monotonic(), [LOADING], threading.Event(), sys.stderr.isatty()
+    """A function that shows the current stage in a terminal; it shows nothing if `quiet`, or in a pipe."""
+    if quiet or not sys.stderr.isatty():
+        yield lambda stage: None
+        return
+    from rich.console import Console
+    from rich.markup import escape
 
-    def print_lines() -> None:
-        wait = FIRST
-        while not finished.wait(wait):
-            elapsed = time.monotonic() - start
-            line = f"rpil: {elapsed:.0f} s: {latest[0]}"
-            click.echo(f"\r\x1b[K{line[:PIPE_WIDTH]}" if in_place else line, err=True, nl=not in_place)
-            wait = FIRST if in_place else max(INTERVAL, ELAPSED_SHARE * elapsed)
-        click.echo("\r\x1b[K" * in_place, err=True, nl=False)
-
-    thread = threading.Thread(target=print_lines, daemon=True)
-    if not quiet:
-        thread.start()
-    try:
-        yield lambda stage: latest.__setitem__(0, stage)
-    finally:
-        finished.set()
-        if not quiet:
-            thread.join()  # no line may follow the result
+    with Console(stderr=True).status(LOADING) as status:
+        yield lambda stage: status.update(escape(stage))
 
 
 @contextmanager

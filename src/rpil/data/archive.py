@@ -1,31 +1,37 @@
-"""Archives of frozen dataclasses, without pickle: a ZIP file of plain ``.npy`` arrays and one ``header.json``.
+"""Archives of arrays (NPZ) and of frozen dataclasses, without pickle: the latter have a ``header.json`` beside arrays.
 
 The header is a tree of JSON values: numbers and text stand for themselves; an array is named by its member of the
-archive; an object is the name of a class that `stored` registered, and its fields. `Decoder` makes objects of
-registered classes only, and checks the fields, and the shape of every array, against the class.
+archive; an object is the name of a class that `stored` registered, and its fields. `decode` makes objects of
+registered classes only, and checks their fields.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import zipfile
-from collections.abc import Callable, Mapping
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.lib import format as npy
 
+from rpil.data.arrays import as_array
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, parse
-from rpil.data.npy import ARRAY, read_arrays, write_arrays
+from rpil.data.memory import check_memory
 from rpil.numerics.types import Array
 
 VERSION = 15
 """Version of the format; a file of another version is refused."""
 
+_ARRAY = ".npy"  # end of the names of members that hold an array
 _HEADER, _SCHEMA, _REMEDY = "header.json", "rpil fitted estimator", "fit and save it again"
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
@@ -38,28 +44,14 @@ NOT_STORED = {"stored": False}
 """Metadata of a dataclass field that files do not hold; it has a default."""
 
 
-CLASSES: dict[str, tuple[type, Mapping[str, str], tuple[str, ...]]] = {}
-"""Registered classes by their names in files, with the axes of their arrays and the `renews` of `stored`."""
+CLASSES: dict[str, type] = {}
+"""Registered classes by their names in files."""
 
 
-def stored(*, renews: tuple[str, ...] = (), **axes: str) -> Callable[[Class], Class]:
-    """Register a dataclass whose objects an archive may hold.
-
-    Parameters
-    ----------
-    renews : tuple of str
-        Letters that stand for new sizes after an object of this class: those of the columns that a feature map makes.
-    **axes : str
-        The axes of each array field, in double precision. Axes are numbers, or letters, each of which means one size in
-        the whole file, perhaps plus one ("F+1 K"). D observations, F features, K actions or A parts of one, B bins,
-        M demonstrations.
-    """
-
-    def register(kind: Class) -> Class:
-        CLASSES[kind.__name__] = kind, axes, renews
-        return kind
-
-    return register
+def stored(kind: Class) -> Class:
+    """Register a dataclass whose objects an archive may hold; its arrays are in double precision."""
+    CLASSES[kind.__name__] = kind
+    return kind
 
 
 def rpil_version() -> str:
@@ -93,7 +85,7 @@ def encode(value: object, name: str, arrays: dict[str, Array]) -> Json:
         pairs = enumerate(value.items())
         return {"pairs": [[encode(part, f"{name}/{k}", arrays) for part in pair] for k, pair in pairs]}
     kind = type(value)
-    if kind not in (registered for registered, *_ in CLASSES.values()):
+    if kind not in CLASSES.values():
         raise TypeError(type(getattr(value, "estimator", value)).__name__)
     content = {f: encode(getattr(value, f), f"{name}/{f}", arrays) for f in _field_names(kind)}
     return {"class": kind.__name__, "fields": content}
@@ -104,54 +96,26 @@ def _field_names(kind: type) -> list[str]:
     return [f.name for f in fields(kind) if not f.name.startswith("_") and f.metadata.get("stored", True)]
 
 
-def check_array(value: object, axes: str, sizes: dict[str, int]) -> None:
-    """A `ValueError` where a value is not an array of numbers with these axes, of the `sizes` so far, to which new ones
-    are added."""
-    letters = axes.split()
-    if not isinstance(value, np.ndarray) or value.dtype != np.float64 or value.ndim != len(letters):
-        raise ValueError(axes)
-    for size, letter in zip(value.shape, letters, strict=True):
-        letter, _, more = letter.partition("+")
-        expected = int(letter) if letter.isdigit() else sizes.setdefault(letter, size - int(more or 0))
-        if size != expected + int(more or 0):
-            raise ValueError(axes)
-    if np.isnan(value).any():
-        raise ValueError(axes)
+def decode(node: object, arrays: dict[str, Array]) -> Any:
+    """The value that `encode` made the `node` from, whose arrays are taken out of `arrays`; lists come back as tuples.
 
-
-class Decoder:
-    """Converts nodes of a header to values. Each array is used once, and checked against the sizes of those before."""
-
-    def __init__(self, arrays: Mapping[str, Array]) -> None:
-        self.arrays = dict(arrays)
-        self.sizes: dict[str, int] = {}
-
-    def array(self, node: Any, axes: str) -> Array:
-        """The array that `node` names; a `ValueError` or `KeyError` where it is missing, or has other axes."""
-        array = self.arrays.pop(node["array"])
-        check_array(array, axes, self.sizes)
+    An error of some type where a part of it is not what its class declares.
+    """
+    if isinstance(node, list):
+        return tuple(decode(item, arrays) for item in node)
+    if not isinstance(node, dict):
+        return node
+    if node.keys() == {"pairs"}:
+        return {decode(key, arrays): decode(value, arrays) for key, value in node["pairs"]}
+    if node.keys() == {"array"}:
+        array = arrays.pop(node["array"])
+        if array.dtype != np.float64 or np.isnan(array).any():
+            raise ValueError(node["array"])
         return array
-
-    def value(self, node: object) -> Any:
-        """The value that `encode` made the `node` from; lists come back as tuples.
-
-        An error of some type where a part of it is not what its class declares.
-        """
-        if isinstance(node, list):
-            return tuple(self.value(item) for item in node)
-        if not isinstance(node, dict):
-            return node
-        if node.keys() == {"pairs"}:
-            return {self.value(key): self.value(value) for key, value in node["pairs"]}
-        (kind, axes, renews), content = CLASSES[node["class"]], node["fields"]
-        if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(kind)):
-            raise KeyError(node["class"])
-        self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in renews}
-        values = {}
-        for name, part in content.items():
-            is_array = name in axes and part is not None
-            values[name] = self.array(part, axes[name]) if is_array else self.value(part)
-        return kind(**values)
+    kind, content = CLASSES[node["class"]], node["fields"]
+    if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(kind)):
+        raise KeyError(node["class"])
+    return kind(**{name: decode(part, arrays) for name, part in content.items()})
 
 
 def read_archive(path: StrPath) -> tuple[Header, dict[str, Array]]:
@@ -180,8 +144,86 @@ def read_archive(path: StrPath) -> tuple[Header, dict[str, Array]]:
             here = f"rpil {rpil_version()} reads version {VERSION}"
             raise DataError(f"{path}: {made}, but {here}; use that rpil, or {_REMEDY}.")
         members.remove(_HEADER)
-        names = [member.removesuffix(ARRAY) for member in members]
+        names = [member.removesuffix(_ARRAY) for member in members]
         arrays = dict(zip(names, read_arrays(archive, members, str(path)), strict=True))
         if len(arrays) < len(members):
             raise DataError(f"{path}: its parts do not belong together; {_REMEDY}.")
     return header, arrays
+
+
+def read_arrays(archive: zipfile.ZipFile, members: Sequence[str], where: str) -> list[Array]:
+    """The arrays in `members`.
+
+    A `DataError` where they would not fit in memory, or one holds Python objects; where one is damaged, an error of
+    another type, such as `ValueError`.
+    """
+    check_memory(sum(_declared_bytes(archive, member, where) for member in members), where)
+    arrays = []
+    for member in members:
+        with archive.open(member) as stream:
+            array = npy.read_array(stream, allow_pickle=False)
+            arrays.append(as_array(array, f"the values of {member!r}", where))
+    return arrays
+
+
+@dataclass(frozen=True)
+class Npz:
+    """The arrays by name in an open NPZ file, which is called `where` in messages."""
+
+    archive: zipfile.ZipFile
+    where: str
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Names of all arrays, in the order of the file."""
+        return [name.removesuffix(_ARRAY) for name in self.archive.namelist() if name.endswith(_ARRAY)]
+
+    def declared(self, name: str) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
+        """The shape and the type that an array says it has."""
+        return _head(self.archive, name + _ARRAY)[:2]
+
+    def read(self, names: Sequence[str]) -> dict[str, Array]:
+        """Some of the arrays; errors are those of `read_arrays`."""
+        return dict(zip(names, read_arrays(self.archive, [name + _ARRAY for name in names], self.where), strict=True))
+
+
+def open_npz(path: Path, where: str = "") -> Npz:
+    """The arrays in the file at `path`, which is closed with them; a `DataError` where it is damaged."""
+    where = where or path.name
+    with guarded(where, "not an NPZ file, or a damaged or truncated one", "write it again"):
+        return Npz(zipfile.ZipFile(path), where)
+
+
+def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:
+    """Write an NPZ file. Arrays may have any names; to `numpy.savez_compressed` some are arguments of its own."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        write_arrays(archive, arrays)
+
+
+def write_arrays(archive: zipfile.ZipFile, arrays: Mapping[str, Array]) -> None:
+    """Add arrays as members ``NAME.npy``; a `ValueError` where one holds Python objects."""
+    for name, array in arrays.items():
+        with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:  # without the time of writing
+            npy.write_array(stream, array, allow_pickle=False)
+
+
+def _declared_bytes(archive: zipfile.ZipFile, member: str, where: str) -> int:
+    """Bytes of an array and of its copy as float64; a `ValueError` where the member does not hold as many."""
+    shape, dtype, n_before = _head(archive, member)
+    if dtype.hasobject:
+        raise DataError(
+            f"{where}: {member!r} holds Python objects, which are never unpickled because that can run any code; "
+            "save plain arrays of numbers or text, with numpy.asarray(values.tolist()) where they are objects."
+        )
+    n_bytes = math.prod(shape) * dtype.itemsize
+    if n_bytes != archive.getinfo(member).file_size - n_before:
+        raise ValueError(member)
+    return n_bytes + 8 * math.prod(shape)
+
+
+def _head(archive: zipfile.ZipFile, member: str) -> tuple[tuple[int, ...], np.dtype[np.generic], int]:
+    """The shape and the type that an array says it has, and the bytes before its values."""
+    with archive.open(member) as stream:
+        is_first = npy.read_magic(stream) == (1, 0)
+        shape, _, dtype = (npy.read_array_header_1_0 if is_first else npy.read_array_header_2_0)(stream)
+        return shape, dtype, stream.tell()

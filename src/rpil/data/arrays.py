@@ -30,8 +30,6 @@ SMALLEST, LARGEST = 1e-150, 1e150
 LONGEST_TEXT = 1_000
 """Characters that an id, or an action that is text, may have: an array of text takes as much for each of its rows."""
 
-_SURROGATES = range(0xD800, 0xE000)
-_LAST_CHARACTER = 0x10FFFF
 _EXACT = 2.0**53
 """Smaller floats hold integers exactly."""
 
@@ -48,38 +46,22 @@ def as_array(values: object, what: str, where: str) -> Array:
             n_text = sum(isinstance(item, str) for item in items)
             if 0 < n_text < len(items):
                 raise DataError(f"{where}: {what} mix text with numbers or missing values; use one kind throughout.")
-            _check_whole_numbers(items, what, where)
+            if n_text and any("\0" in item for item in items):  # which NumPy strips
+                raise DataError(f"{where}: {what} hold the character NUL; replace it.")
             flat = np.array(items)
             # None is the one object a column of numbers may hold; as NaN it meets the check for missing values.
             array = (flat.astype(np.float64) if flat.dtype.kind == "O" else flat).reshape(array.shape)
     except DataError:
         raise
-    except (ValueError, TypeError, RecursionError) as error:
+    except (ValueError, TypeError, OverflowError, RecursionError) as error:
         raise DataError(f"{where}: {what} must be a rectangular array of numbers or text.") from error
     if array.dtype.kind not in "biufU" and array.size:
         raise DataError(f"{where}: {what} must be numbers or text, not {array.dtype}.")
-    if array.dtype.kind == "f" and isinstance(values, list | tuple) and np.abs(array).max(initial=0) >= 2.0**63:
-        _check_whole_numbers(np.asarray(values, object).flat, what, where)
     if array.dtype.kind == "U" and array.dtype.itemsize:
-        _check_characters(array, values, what, where)
+        codes = np.ascontiguousarray(array, array.dtype.newbyteorder("=")).view(np.uint32)
+        if np.any((codes >= 0xD800) & ((codes < 0xE000) | (codes > 0x10FFFF))):
+            raise DataError(f"{where}: {what} hold a character that is not Unicode; replace it.")
     return array
-
-
-def _check_whole_numbers(items: Iterable[object], what: str, where: str) -> None:
-    """Raise a `DataError` on whole numbers that would become floats, several of them the same one."""
-    if any(isinstance(item, int) and not _fits(item) for item in items):
-        raise DataError(f"{where}: {what} hold whole numbers of over 64 bits; use smaller ones, or text.")
-
-
-def _check_characters(array: Array, values: object, what: str, where: str) -> None:
-    """Raise a `DataError` on texts that no file could hold, or that NumPy changed when it made `array` of `values`."""
-    codes = np.ascontiguousarray(array, array.dtype.newbyteorder("=")).view(np.uint32)
-    strange = codes[codes >= _SURROGATES.start]
-    if np.any((strange < _SURROGATES.stop) | (strange > _LAST_CHARACTER)):
-        raise DataError(f"{where}: {what} hold a character that is not Unicode; replace it.")
-    is_text_array = isinstance(values, np.ndarray) and values.dtype.kind == "U"
-    if not is_text_array and any("\0" in str(text) for text in np.asarray(values, object).flat):
-        raise DataError(f"{where}: {what} hold the character NUL; replace it.")
 
 
 def as_names(values: Iterable[object], where: str) -> tuple[str, ...]:
@@ -95,10 +77,9 @@ def as_observations(values: object, where: str) -> Array:
     array = as_array(values, "observations", where)
     if array.dtype.kind == "U":
         raise DataError(f"{where}: observations hold text, not numbers; encode it as numbers first.")
-    if array.ndim == 1:
-        raise DataError(f"{where}: observations must be (N, D), not (N,); with one per step use reshape(-1, 1).")
     if array.ndim != 2 or array.shape[1] == 0:
-        raise DataError(f"{where}: observations must be (N, D), not {array.shape}; flatten each one to a row.")
+        remedy = "use reshape(-1, 1)" if array.ndim == 1 else "flatten each one to a row"
+        raise DataError(f"{where}: observations must be (N, D), not {array.shape}; {remedy}.")
     return np.ascontiguousarray(array, dtype=np.float32 if array.dtype == np.float32 else np.float64)
 
 
@@ -177,36 +158,23 @@ def as_ids(values: Iterable[object], where: str) -> tuple[Id, ...]:
     if not (all(isinstance(i, int) for i in given) or all(isinstance(i, str) for i in given)):
         raise DataError(f"{where}: demonstration ids must be all whole numbers or all text.")
     ids = cast(tuple[Id, ...], given)
-    for m, fault in enumerate(map(_fault_of_id, ids)):
-        if fault:
-            raise DataError(f"{where}: the id of demonstration number {m} {fault}; give it another id.")
+    for m, name in enumerate(ids):
+        check_name(name, f"the id of demonstration number {m}", where)
     repeated = next((i for i, count in Counter(ids).items() if count > 1), None)
     if repeated is not None:
         raise DataError(f"{where}: demonstration {repeated!r} appears twice; give each demonstration its own id.")
     return ids
 
 
-def _fault_of_id(i: Id) -> str:
-    """Why files and reports could not hold the id, or would not give it back; "" where they can."""
-    if isinstance(i, int):
-        return "" if _fits(i) else "has over 64 bits"
-    if not i:
-        return "is empty"
-    if "\0" in i:
-        return "holds the character NUL"
-    if len(i) > LONGEST_TEXT:
-        return f"has {len(i):,} characters, over {LONGEST_TEXT:,}"
-    return "" if i.isascii() or not any(ord(c) in _SURROGATES for c in i) else "holds a character that is not Unicode"
-
-
-def check_text(text: str, what: str, where: str) -> None:
-    """Raise a `DataError` on a name that files and reports could not hold."""
-    if fault := _fault_of_id(text):
-        raise DataError(f"{where}: {what} {fault}; change it.")
-
-
-def _fits(number: int) -> bool:
-    return -(1 << 63) <= number < 1 << 63
+def check_name(name: Id, what: str, where: str) -> None:
+    """Raise a `DataError` on a name that files and reports could not hold, or would not give back."""
+    if isinstance(name, int):
+        is_sound = -(1 << 63) <= name < 1 << 63
+    else:
+        is_sound = 0 < len(name) <= LONGEST_TEXT and "\0" not in name and name.encode(errors="replace").decode() == name
+    if not is_sound:
+        form = f"a whole number of 64 bits or 1 to {LONGEST_TEXT:,} characters of Unicode without NUL"
+        raise DataError(f"{where}: {what} must be {form}; change it.")
 
 
 def as_offsets(values: object, ids: tuple[Id, ...], n_steps: int, where: str) -> NDArray[np.int64]:

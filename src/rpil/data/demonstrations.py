@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -160,7 +159,7 @@ class Demonstrations(DemonstrationSet):
         if len(observations) != len(actions):
             counts = f"{len(observations)} observations but {len(actions)} actions"
             raise DataError(f"{source}: {counts}; give one action per observation.")
-        ids = arrays.as_ids(self.ids, source) or tuple(range(np.size(self.offsets) - 1))
+        ids = arrays.as_ids(() if self.ids is None else self.ids, source) or tuple(range(np.size(self.offsets) - 1))
         offsets = arrays.as_offsets(self.offsets, ids, len(observations), source)
         width = observations.shape[1]
         names = arrays.as_names(self.observation_names, source) or tuple(str(d) for d in range(width))
@@ -181,28 +180,6 @@ class Demonstrations(DemonstrationSet):
         object.__setattr__(self, "action_kind", "discrete" if actions.ndim == 1 else "continuous")
 
     @classmethod
-    def from_arrays(
-        cls,
-        observations: ArrayLike,
-        actions: ArrayLike,
-        offsets: ArrayLike,
-        ids: Iterable[object] | None = None,
-        *,
-        observation_names: Iterable[object] = (),
-        source: str = SOURCE,
-        action_kind: ActionKind = "auto",
-    ) -> Demonstrations:
-        """From rows laid end to end; see the class for shapes and errors.
-
-        Where the demonstration of each row is known instead of offsets, see `from_groups`.
-        """
-        rows = arrays.as_array(observations, "observations", source)
-        bounds = arrays.as_array(offsets, "offsets", source)
-        names = arrays.as_names(observation_names, source)
-        steps = arrays.as_array(actions, "actions", source)
-        return cls(rows, steps, bounds, () if ids is None else arrays.as_ids(ids, source), names, source, action_kind)
-
-    @classmethod
     def from_episodes(
         cls,
         episodes: Iterable[object],
@@ -217,9 +194,9 @@ class Demonstrations(DemonstrationSet):
         Parameters
         ----------
         episodes : iterable
-            Each is a pair ``(observations, actions)``; a dict, or an object, with ``observations`` or ``obs`` and
-            ``actions`` or ``acts``; or a list of steps, which are such dicts. An observation after the last action is
-            dropped. Dicts of observations become columns with names such as ``qpos.0``.
+            Each is a pair ``(observations, actions)``; or a dict, or an object, with ``observations`` or ``obs`` and
+            ``actions`` or ``acts``. An observation after the last action is dropped. Dicts of observations become
+            columns with names such as ``qpos.0``.
 
         Raises
         ------
@@ -320,18 +297,8 @@ class Demonstrations(DemonstrationSet):
     def __iter__(self) -> Iterator[Episode]:
         return (self[m] for m in range(self.n_demonstrations))
 
-    @overload
-    def __getitem__(self, index: int) -> Episode: ...
-    @overload
-    def __getitem__(self, index: slice | Sequence[int] | NDArray[np.generic]) -> Demonstrations: ...
-    def __getitem__(self, index: int | Indices) -> Episode | Demonstrations:
-        """``(observations (T, D), actions (T,) or (T, A))`` at a position, as views; or `select` of a slice, positions
-        or a mask.
-        """
-        if isinstance(index, str):
-            raise DataError(f"{self.source}: [{index!r}] takes a position; that of an id is .ids.index({index!r}).")
-        if not isinstance(index, int | np.integer):
-            return self.select(index)
+    def __getitem__(self, index: int) -> Episode:
+        """``(observations (T, D), actions (T,) or (T, A))`` at a position, as views; see `select` for several."""
         m = range(self.n_demonstrations)[index]
         steps = slice(self.offsets[m], self.offsets[m + 1])
         return self.observations[steps], self.actions[steps]

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from rpil.data.arrays import check_text
+from rpil.data.arrays import check_name
 from rpil.data.demonstrations import DemonstrationSet
-from rpil.data.errors import DataError, user_stack_level
+from rpil.data.errors import DataError
 from rpil.data.id_values import check_ids
 from rpil.numerics.types import Array
 
@@ -99,8 +99,8 @@ def group_by_demonstrator(demonstrators: DemonstratorNames | None, demonstration
         if not isinstance(name, Hashable):
             raise DataError(f"{place}: the demonstrator {name!r} is no name; give text or a number.")
         if isinstance(name, str):
-            check_text(name, "the demonstrator", place)
+            check_name(name, "the demonstrator", place)
     groups = Demonstrators.from_names(names)
     if not groups.informative:
-        warnings.warn(f"{source}: {groups.note}", UserWarning, stacklevel=user_stack_level())
+        warnings.warn(f"{source}: {groups.note}", UserWarning, stacklevel=2)
     return groups

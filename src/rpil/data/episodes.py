@@ -7,7 +7,7 @@ become columns, each with a name.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Protocol, TypeGuard
+from typing import TypeGuard
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from rpil.data.errors import DataError
 from rpil.numerics.types import Array
 
 NAMES = ("observations", "obs", "observation"), ("actions", "acts", "action")
-"""Names that an episode, or a step, gives its observations and its actions: Minari, imitation, Gymnasium."""
+"""Names that an episode gives its observations and its actions: Minari, imitation, Gymnasium."""
 
 
 def lay_end_to_end(
@@ -47,14 +47,12 @@ def lay_end_to_end(
 def as_episode(given: object, where: str) -> tuple[Array, Array, tuple[str, ...]]:
     """Observations (T, D), actions (T,) or (T, A), and names of the observations where they came with names.
 
-    `given` is a pair (observations, actions), a dict or an object that holds both, or a list of steps, which are dicts.
-    A `DataError` where it is none of these, where the parts differ in length, or where an observation is no number.
+    `given` is a pair (observations, actions), or a dict or an object that holds both. A `DataError` where it is none of
+    these, where the parts differ in length, or where an observation is no number.
     """
     both = _parts(given)
     if both is None:
-        raise DataError(
-            f"{where}: give one pair (observations, actions), a dict or an object that holds both, or a list of steps."
-        )
+        raise DataError(f"{where}: give one pair (observations, actions), or a dict or an object that holds both.")
     seen, acted = (list(one) if isinstance(one, tuple) else one for one in both)
     observations, names = _as_table(seen, "observation", where)
     actions, _ = _as_table(acted, "action", where)
@@ -79,12 +77,9 @@ def _parts(given: object) -> tuple[object, object] | None:
     found = [_first_of(given, names) for names in NAMES]
     if all(part is not None for part in found):
         return found[0], found[1]
-    if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) or not len(given):
-        return None
-    if all(isinstance(step, Mapping) and _first_of(step, NAMES[0]) is not None for step in given):
-        steps = [[_first_of(step, names) for step in given] for names in NAMES]
-        return steps[0], steps[1][:-1] if steps[1][-1] is None else steps[1]
-    return (given[0], given[1]) if len(given) == 2 else None
+    if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) and len(given) == 2:
+        return given[0], given[1]
+    return None
 
 
 def _first_of(holder: object, names: Sequence[str]) -> object:
@@ -93,15 +88,9 @@ def _first_of(holder: object, names: Sequence[str]) -> object:
     return next((part for part in map(get, names) if part is not None), None)
 
 
-class Structure(Protocol):
-    """Entries by name: a dict, or imitation's DictObs."""
-
-    def items(self) -> Iterable[tuple[object, object]]: ...
-
-
-def _is_structure(part: object) -> TypeGuard[Structure]:
-    """Whether `part` has entries by name, and is no table of pandas."""
-    return isinstance(part, Mapping) or (hasattr(part, "items") and not hasattr(part, "__array__"))
+def _is_structure(part: object) -> TypeGuard[Mapping[object, object]]:
+    """Whether `part` has entries by name, as a dict or imitation's DictObs, and is no table of pandas."""
+    return hasattr(part, "items") and not hasattr(part, "__array__")
 
 
 def _as_table(part: object, what: str, where: str) -> tuple[Array, tuple[str, ...]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Iterable, Sequence
 from importlib import import_module
 from typing import Any
@@ -59,11 +58,3 @@ def optional(module: str, feature: str, extra: str) -> Any:
         return import_module(module)
     except ImportError as error:
         raise MissingExtraError(feature, extra) from error
-
-
-def user_stack_level() -> int:
-    """The `stacklevel` for `warnings.warn` in the calling function with which a warning points at the user's code."""
-    level, frame = 1, sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "rpil":
-        level, frame = level + 1, frame.f_back
-    return level

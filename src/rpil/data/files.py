@@ -13,7 +13,6 @@ from pathlib import Path
 
 from rpil.data.errors import DataError
 
-_MOST_OF_NAME = 255  # bytes that file systems take
 _POINTER = b"version https://git-lfs"
 _MOST_OF_POINTER = 1024  # bytes, by the definition of Git LFS
 
@@ -69,11 +68,10 @@ def check_writable(path: StrPath) -> Path:
     folder = path.parent
     if not folder.is_dir():
         raise DataError(f"{path}: there is no folder {folder}; make it first.")
-    if len(os.fsencode(path.name)) > _MOST_OF_NAME:
-        raise DataError(f"{path}: its name is longer than {_MOST_OF_NAME} bytes; give a shorter one.")
-    if path.exists() and not path.is_file():  # to replace /dev/null would break the machine
+    is_there = os.path.exists(path)  # which a name that is too long is not
+    if is_there and not path.is_file():  # to replace /dev/null would break the machine
         raise DataError(f"{path}: it is a folder or a device; give the path of a file.")
-    if not os.access(folder, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
+    if not os.access(folder, os.W_OK) or (is_there and not os.access(path, os.W_OK)):
         raise DataError(f"{path}: it may not be written; choose another place or change the permissions.")
     return path
 
@@ -89,13 +87,9 @@ def replacing(path: StrPath) -> Iterator[Path]:
     target = Path(os.path.realpath(check_writable(path)))
     temporary = target.with_name(f".{uuid.uuid4().hex}{target.suffix}")  # some writers add their own to a name without
     try:
-        if target.exists():  # only its owner may read the new one until it has the permissions of the old one
+        if os.path.exists(target):  # only its owner may read the new one until it has the permissions of the old one
             temporary.touch(0o600)
         yield temporary
-        for file in [temporary, *temporary.rglob("*")]:
-            if file.is_file():  # after a power cut its name does not stand for half of it
-                with file.open("rb+") as stream:
-                    os.fsync(stream.fileno())
         if target.exists():
             shutil.copymode(target, temporary)
         os.replace(temporary, target)

@@ -17,31 +17,25 @@ _DATA = ("data", "meta")
 def check_folder(path: StrPath) -> None:
     """A `DataError` where what lies in the folder at `path` must not be followed or opened.
 
-    That is a link that leads out of the folder, to nothing, or to a folder that is read already, as in a circle; and a
-    pipe or device, which a reader would wait for. The folder itself may be named by a link. From a snapshot in the
-    cache of the Hugging Face Hub, links may lead to the ``blobs`` of its repository. Nothing is checked of a file, nor
-    in hidden folders such as ``.git``, which are never read.
+    That is a link that leads out of the folder, to nothing, or to a folder, which would be read twice; and a pipe or
+    device, which a reader would wait for. The folder itself may be named by a link. From a snapshot in the cache of the
+    Hugging Face Hub, links may lead to the ``blobs`` of its repository. Nothing is checked of a file, nor in hidden
+    folders such as ``.git``, which are never read.
     """
-    top = Path(path)
-    if not top.is_dir():
+    top = str(path)
+    if not os.path.isdir(top):
         return
-    places, only = _places(top), _DATA if (top / "data").is_dir() else None
-    reached = {places[0]}
-    for folder, folders, files in os.walk(top, onerror=_refuse_unlisted, followlinks=True):
-        if os.path.samefile(folder, top):
+    places, only = _places(top), _DATA if os.path.isdir(os.path.join(top, "data")) else None
+    for folder, folders, files in os.walk(top, onerror=_refuse_unlisted):
+        if folder == top:
             folders[:] = [name for name in folders if not is_hidden(name) and (only is None or name in only)]
-        for name in (*folders, *files):
-            path = os.path.join(folder, name)
-            if os.path.islink(path):
-                if is_hidden(name) and is_dangling(path):  # a lock of an editor, which nothing can read
-                    continue
-                _real_place(path, top, places)
-            elif not os.path.isfile(path) and name not in folders:
-                raise _not_a_file(path)
-        for path in (os.path.join(folder, name) for name in folders):
-            if (real := os.path.realpath(path)) in reached:
+        for path in (os.path.join(folder, name) for name in (*folders, *files)):
+            if is_hidden(os.path.basename(path)) and is_dangling(path):  # a lock of an editor, which nothing can read
+                continue
+            if os.path.islink(path) or not os.path.isdir(path):
+                _check_place(path, top, places)
+            if os.path.islink(path) and os.path.isdir(path):
                 raise DataError(f"{path}: a link leads to this folder, or from it in a circle; remove it.")
-            reached.add(real)
 
 
 def check_inside(path: StrPath, top: StrPath) -> None:
@@ -50,11 +44,11 @@ def check_inside(path: StrPath, top: StrPath) -> None:
     What is not there at all is left to the reader.
     """
     if os.path.lexists(path):
-        _real_place(path, top, _places(top))
+        _check_place(path, top, _places(top))
 
 
-def _real_place(path: StrPath, top: StrPath, places: Sequence[str]) -> str:
-    """Where links lead from `path`; a `DataError` where that is in none of the `places`, or no file or folder."""
+def _check_place(path: StrPath, top: StrPath, places: Sequence[str]) -> None:
+    """A `DataError` where links lead from `path` to none of the `places`, or to no file or folder."""
     real = os.path.realpath(path)
     if not any(real == place or real.startswith(place.rstrip(os.sep) + os.sep) for place in places):
         raise DataError(
@@ -66,8 +60,7 @@ def _real_place(path: StrPath, top: StrPath, places: Sequence[str]) -> str:
             f"{path}: it is a link that leads to nothing, as when a download breaks off; download or copy it again."
         )
     if not (os.path.isfile(real) or os.path.isdir(real)):
-        raise _not_a_file(path)
-    return real
+        raise DataError(f"{path}: it is a pipe or a device; remove it, or copy the file again.")
 
 
 def is_hidden(name: str) -> bool:
@@ -96,21 +89,12 @@ def copy_folder(path: Path, new: Path, without: Collection[str] = ()) -> None:
 
     The first error of the system is raised, and permissions are those of new files.
     """
-    waiting = [(path, new)]
-    while waiting:
-        folder, target = waiting.pop()
-        target.mkdir()
-        for entry in folder.iterdir():
-            if folder == path and entry.name in without:
-                continue
-            if entry.is_dir():
-                waiting.append((entry, target / entry.name))
-            elif not is_dangling(entry):
-                shutil.copyfile(entry, target / entry.name)
-
-
-def _not_a_file(path: StrPath) -> DataError:
-    return DataError(f"{path}: it is a pipe or a device; remove it, or copy the file again.")
+    new.mkdir()
+    for entry in (entry for entry in path.iterdir() if entry.name not in without):
+        if entry.is_dir():
+            copy_folder(entry, new / entry.name)
+        elif not is_dangling(entry):
+            shutil.copyfile(entry, new / entry.name)
 
 
 def _refuse_unlisted(error: OSError) -> None:

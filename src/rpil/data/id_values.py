@@ -5,14 +5,12 @@ from __future__ import annotations
 import csv
 import io
 import re
-from codecs import BOM_UTF8
-from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, cast, get_args
 
 import numpy as np
 
-from rpil.data.arrays import check_text
 from rpil.data.cells import from_cell, to_cell
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
@@ -77,28 +75,28 @@ def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what:
         raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct {what}.", option)
 
 
-def read_labels(path: StrPath, ids: Iterable[object] = ()) -> dict[str, Label]:
+def read_labels(path: StrPath) -> dict[str, Label]:
     """The labels alone of a file that `read_answers` reads; a `DataError` as there, and where it has none."""
-    labels, _ = read_answers(path, ids)
+    labels, _ = read_answers(path)
     if not labels:
         raise DataError(f"{Path(path).name}: it labels no demonstration; give at least one id and label.")
     return labels
 
 
-def read_answers(path: StrPath, ids: Iterable[object] = ()) -> tuple[dict[str, Label], Pairs]:
+def read_answers(path: StrPath) -> tuple[dict[str, Label], Pairs]:
     """Read labels and pairs from a CSV file with the columns ``id`` and ``label``.
 
     Labels are ``good`` or ``bad``, in any case, or ``expert`` and ``adversary``; ``better than ID`` makes a pair, and
-    ``same as ID`` one without a difference. A demonstration has one label and any number of pairs. Ids
-    come back as text, without white space at their ends unless one of the `ids` has it. A `DataError` names the file
-    and the demonstration: unknown words, an id that is labelled twice, pairs that contradict each other, no answers.
+    ``same as ID`` one without a difference. A demonstration has one label and any number of pairs. Ids are text. A
+    `DataError` names the file and the demonstration: unknown words, an id that is labelled twice, pairs that contradict
+    each other, no answers.
     """
-    return parse_answers(read_answer_rows(path, ids), Path(path).name, ids)
+    return parse_answers(read_answer_rows(path), Path(path).name)
 
 
-def read_answer_rows(path: StrPath, ids: Iterable[object] = ()) -> list[AnswerRow]:
+def read_answer_rows(path: StrPath) -> list[AnswerRow]:
     """The answers of a file that `read_answers` reads, with their notes."""
-    rows = read_id_pairs(check_extension(path, _EXTENSIONS, "labels"), "label", ids, AnswerRow._fields[2:])
+    rows = read_id_pairs(check_extension(path, _EXTENSIONS, "labels"), "label", AnswerRow._fields[2:])
     return [AnswerRow(*row) for row in rows]
 
 
@@ -113,7 +111,8 @@ def parse_marks(
     }
     for row in (row for row in rows if row.is_mark and row.id in number):
         m, place = number[row.id], f"{source}, demonstration {row.id!r}, rows {row.start!s:.40} to {row.end!s:.40}"
-        start, end = (int(float(str(one))) if _WHOLE.fullmatch(str(one)) else -1 for one in (row.start, row.end))
+        given = (str(row.start).strip(), str(row.end).strip())
+        start, end = (int(float(one)) if _WHOLE.fullmatch(one) else -1 for one in given)
         if not 0 <= start < end <= lengths[m]:
             raise DataError(f"{place}: start and end must be whole, 0 <= start < end <= {lengths[m]}; correct them.")
         if (label := _LABELS.get(str(row.label).strip().lower())) is None:
@@ -126,15 +125,14 @@ def parse_marks(
     return np.array(marks, dtype=np.int64).reshape(-1, 4)
 
 
-def parse_answers(rows: Iterable[AnswerRow], source: str, ids: Iterable[object]) -> tuple[dict[str, Label], Pairs]:
-    """Labels and pairs from answers, without those about rows; white space and errors as in `read_answers`."""
+def parse_answers(rows: Sequence[AnswerRow], source: str) -> tuple[dict[str, Label], Pairs]:
+    """Labels and pairs from answers, without those about rows; errors as in `read_answers`."""
     labels: dict[str, Label] = {}
     pairs: Pairs = {}
-    known, given = {*map(str, ids)}, [*rows]
-    for m, word, *_ in (row for row in given if not row.is_mark):
-        label, (relation, second) = _LABELS.get(str(word).strip().lower()), _compared(word) or ("same as", "")
-        if other := second if second in known else second.strip():
-            _add_pair(pairs, (m, other), relation, source)
+    for m, word, *_ in (row for row in rows if not row.is_mark):
+        label = _LABELS.get(str(word).strip().lower())
+        if compared := _compared(word):
+            _add_pair(pairs, (m, compared[1]), compared[0], source)
         elif label is None and word != CANNOT_TELL:  # which was written for its note
             raise DataError(
                 f"{source}, demonstration {m!r}: unknown label {quoted([word])}; write 'good', 'bad', 'better than "
@@ -144,15 +142,9 @@ def parse_answers(rows: Iterable[AnswerRow], source: str, ids: Iterable[object])
             raise DataError(f"{source}, demonstration {m!r}: it is labelled twice; keep one of the labels.")
         elif label is not None:
             labels[m] = label
-    if not given:
+    if not rows:
         raise DataError(f"{source}: it labels no demonstration; give at least one id and label.")
     return labels, pairs
-
-
-def parse_labels(labels: object, ids: Iterable[object]) -> tuple[dict[str, Label], Pairs]:
-    """Labels and pairs, as `parse_answers` gives them, from a mapping, or from pairs, of ids and words."""
-    rows = label_rows(labels)
-    return parse_answers(rows, "the labels", ids) if rows else ({}, {})
 
 
 def label_rows(labels: object) -> list[AnswerRow]:
@@ -172,36 +164,32 @@ def with_new(old: Iterable[AnswerRow], new: Sequence[AnswerRow]) -> list[AnswerR
     return [*(row for row in old if _compared(row.label) or row.question not in replaced), *new]
 
 
-def write_answers(
-    path: StrPath, before: bytes | None, answers: Sequence[AnswerRow], ids: Iterable[object] = ()
-) -> None:
-    """Write a CSV file that `read_answers` reads with these `ids`: what it held `before`, and these answers.
+def write_answers(path: StrPath, before: bytes | None, answers: Sequence[AnswerRow]) -> None:
+    """Write a CSV file that `read_answers` reads: what it held `before`, and these answers.
 
     A label replaces the old one of the demonstration, or of the same rows of it. All other rows keep their cells, and
     the file its columns; note, start and end are added to them once an answer has one. A `DataError` where it cannot be
     written; a file that was there is then as it was.
     """
-    old = before or b"id,label\n"
-    encoding, known = "utf-8-sig" if old.startswith(BOM_UTF8) else "utf-8", {*map(str, ids)}
-    rows, names, id_column = _csv_rows(old.decode(encoding))
+    rows, names, id_column = _csv_rows((before or b"id,label\n").decode("utf-8-sig"))
     replaced = {row.question for row in answers if not _compared(row.label)}
-    kept = [row for row in rows if _compared(row["label"]) or _said(row, id_column, known).question not in replaced]
+    kept = [row for row in rows if _compared(row["label"]) or _said(row, id_column).question not in replaced]
     for answer in answers:
         kept.append({name: str(to_cell(value)) for name, value in {**answer._asdict(), id_column: answer.id}.items()})
     names += [name for k, name in enumerate(AnswerRow._fields) if k > 1 and any(row[k] != "" for row in answers)]
     names = [*dict.fromkeys(names)]
-    end, comma, lines = "\r\n" if b"\r\n" in old else "\n", rows.reader.dialect.delimiter, io.StringIO(newline="")
+    comma, lines = rows.reader.dialect.delimiter, io.StringIO(newline="")
     for cells in (names, *([row.get(name) or "" for name in names] for row in kept)):
         plain = all(text.isprintable() and text == text.strip() for text in cells)  # else readers leave spaces out
         quoting: Literal[0, 1] = csv.QUOTE_MINIMAL if plain else csv.QUOTE_ALL
-        csv.writer(lines, delimiter=comma, lineterminator=end, quoting=quoting).writerow(cells)
+        csv.writer(lines, delimiter=comma, lineterminator="\n", quoting=quoting).writerow(cells)
     with replacing(path) as temporary:
-        temporary.write_bytes(lines.getvalue().encode(encoding))
+        temporary.write_text(lines.getvalue(), encoding="utf-8", newline="")
 
 
-def _said(row: Mapping[str, str | None], id_column: str, ids: Collection[str]) -> AnswerRow:
-    place = ((row.get(name) or "").strip() for name in ("start", "end"))
-    return AnswerRow(_id_in(row[id_column], ids), row["label"], "", *place)
+def _said(row: Mapping[str, str | None], id_column: str) -> AnswerRow:
+    start, end = ((row.get(name) or "").strip() for name in ("start", "end"))
+    return AnswerRow(from_cell(row[id_column] or ""), row["label"], "", start, end)
 
 
 def same_question(m: str, word: object) -> frozenset[str]:
@@ -214,12 +202,6 @@ def _compared(word: object) -> tuple[Relation, str] | None:
     """The relation to the other demonstration of a pair, and its id; None where the word makes none."""
     found = _COMPARED.fullmatch(str(word))
     return found and ("same as" if found[1].lower().startswith("same") else "better than", found[2])
-
-
-def _id_in(cell: str | None, ids: Collection[str]) -> str:
-    """The id, or another text, in a cell of CSV, without white space at its ends unless one of the `ids` has it."""
-    name = from_cell(cell or "")
-    return name if name in ids else from_cell((cell or "").strip())
 
 
 def _add_pair(pairs: Pairs, pair: tuple[str, str], relation: Relation, source: str) -> None:
@@ -237,8 +219,8 @@ def label_codes(labels: Mapping[Any, str], ids: Sequence[object], source: str = 
     A `DataError` on an unknown label or id.
     """
     check_ids(labels, ids, source, "the labels")
-    words, codes = parse_labels(labels, ids)[0], {None: 0, "good": 1, "bad": -1}
-    return np.array([codes[words.get(str(m))] for m in ids], dtype=np.int64)
+    words = parse_answers(label_rows(labels), source)[0] if labels else {}
+    return np.array([{None: 0, "good": 1, "bad": -1}[words.get(str(m))] for m in ids], dtype=np.int64)
 
 
 def match_pairs(
@@ -270,7 +252,6 @@ def match_demonstrators(pairs: Iterable[IdRow], source: str) -> dict[str, str]:
         place, name = f"{source}, demonstration {m!r}", "" if value is None else str(value).strip()
         if not name or not isinstance(value, str | int):
             raise DataError(f"{place}: it has no demonstrator; name one, or leave it out.")
-        check_text(name, "the demonstrator", place)
         if demonstrators.setdefault(m, name) != name:
             raise DataError(f"{place}: both {demonstrators[m]!r} and {name!r} gave it; name one.")
     if not demonstrators:
@@ -278,14 +259,24 @@ def match_demonstrators(pairs: Iterable[IdRow], source: str) -> dict[str, str]:
     return demonstrators
 
 
-def read_id_pairs(path: StrPath, column: str, ids: Iterable[object], more: Sequence[str] = ()) -> list[IdRow]:
-    """Ids and values of a CSV file with the columns ``id`` and `column`; an id may come twice.
-
-    White space at the ends of an id is left out, unless one of the `ids` has it; there may be `more` columns.
-    """
+def read_id_pairs(path: StrPath, column: str, more: Sequence[str] = ()) -> list[IdRow]:
+    """Ids and values of a CSV file with the columns ``id`` and `column`, and perhaps `more`; an id may come twice."""
     path = check_readable(path)
     with guarded(path.name, "it cannot be read as CSV", "write it again"):
-        return _csv_pairs(read_text(path, LARGEST_TABLE, "utf-8-sig"), (column, *more), path.name, {*map(str, ids)})
+        rows, names, id_column = _csv_rows(read_text(path, LARGEST_TABLE, "utf-8-sig"))
+        others = [name for name in names if name.strip().lower() in _OF_ROWS and name not in ("start", "end")]
+        if more and others:
+            raise DataError(f"{path.name}: call the columns of rows start and end (found {quoted(others)}).")
+        if not id_column or column not in names:
+            raise DataError(f"{path.name}: the columns must be id and {column} (found {quoted(names)}).")
+        pairs: list[IdRow] = []
+        for row in rows:
+            m, value, *others = (from_cell(row.get(name) or "") for name in (id_column, column, *more))
+            if not m or None in row:
+                problem = "it names no demonstration" if not m else "it has more values than there are columns"
+                raise DataError(f"{path.name}, line {rows.line_num}: {problem}; give one id and one {column}.")
+            pairs.append((m, value, *others))
+    return pairs
 
 
 def _csv_rows(text: str) -> tuple[csv.DictReader[str], list[str], str]:
@@ -295,21 +286,3 @@ def _csv_rows(text: str) -> tuple[csv.DictReader[str], list[str], str]:
     rows = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True, strict=True, delimiter=comma)
     names = [*(rows.fieldnames or ())]
     return rows, names, next((name for name in ("id", *EPISODE) if name in names), "")
-
-
-def _csv_pairs(text: str, columns: Sequence[str], source: str, ids: Collection[str]) -> list[IdRow]:
-    column, *more = columns
-    rows, names, id_column = _csv_rows(text)
-    others = [name for name in names if name.strip().lower() in _OF_ROWS and name not in ("start", "end")]
-    if more and others:
-        raise DataError(f"{source}: call the columns of rows start and end (found {quoted(others)}).")
-    if not id_column or column not in names:
-        raise DataError(f"{source}: the columns must be id and {column} (found {quoted(names)}).")
-    pairs: list[IdRow] = []
-    for row in rows:
-        m = _id_in(row[id_column], ids)
-        if not m or None in row:
-            problem = "it names no demonstration" if not m else "it has more values than there are columns"
-            raise DataError(f"{source}, line {rows.line_num}: {problem}; give one id and one {column}.")
-        pairs.append((m, from_cell(row[column] or ""), *(_id_in(row.get(name), ()) for name in more)))
-    return pairs

@@ -78,7 +78,7 @@ def given_outcome(
     others of `every` one; those left out are unknown. A `DataError` as `check_outcome`, and where an id is unknown or
     twice in the file, a value no number, or their count another one."""
     if isinstance(given, str):
-        source, rows = Path(given).name, read_id_pairs(given, "value", every or ids)
+        source, rows = Path(given).name, read_id_pairs(given, "value")
         words = {"true": 1.0, "false": 0.0, "": np.nan}
         found = cast(dict[str, float], {m: words.get(str(value).lower(), value) for m, value, *_ in rows})
         if len(found) < len(rows):
@@ -101,15 +101,11 @@ def given_outcome(
 
 def check_sessions(sessions: Sequence[str], name: str, source: str) -> None:
     """A `DataError` where the `sessions` of M demonstrations, of the column `name` or by "file", divide nothing."""
-    n_sessions, by_file = len(set(sessions)), name == FILE_SESSION
-    if n_sessions == len(sessions):
-        what = "come from one file each" if by_file else f"have a value of {name!r} of their own each"
-    elif n_sessions == 1 and by_file:
-        what = "come from one file"
-    else:
-        return
-    raise DataError(
-        f"{source}: the demonstrations {what}, which makes no sessions to judge within; name a column that several "
-        "share with <option>, or leave it out.",
-        "session",
-    )
+    n_sessions = len(set(sessions))
+    if n_sessions == len(sessions) or (n_sessions == 1 and name == FILE_SESSION):
+        each = "one session" if n_sessions == 1 else "a session of its own each"
+        raise DataError(
+            f"{source}: the demonstrations have {each} by {name!r}, which makes no sessions to judge within; name a "
+            "column that several share with <option>, or leave it out.",
+            "session",
+        )

@@ -19,7 +19,7 @@ from rpil.data.errors import DataError
 from rpil.numerics.types import Array
 
 
-@stored()
+@stored
 @dataclass(frozen=True)
 class Discrete:
     """The actions `start` .. `start` + `n` - 1. Models use their codes, 0 .. n - 1."""
@@ -29,16 +29,7 @@ class Discrete:
     kind: Literal["discrete"] = "discrete"
 
     has_density = False  # whether a policy gives a density of numbers
-
-    @property
-    def n_parts(self) -> int:
-        """Numbers in one action: 1."""
-        return 1
-
-    @property
-    def expected(self) -> str:
-        """Form of the output of a policy for one observation, for messages."""
-        return f"one action {self.start} to {self.start + self.n - 1}"
+    n_parts = 1  # numbers in one action
 
     def bounded(self, outputs: Array) -> Array:
         """The `outputs` of a policy as they are: log-probabilities need no bounds."""
@@ -64,16 +55,11 @@ class Discrete:
 
     def executed(self, answer: Array, n_steps: int) -> Array | None:
         """The `answer` of a policy as int64 actions (n_steps,); None unless it is whole numbers among the actions."""
-        if answer.shape != (n_steps,) or answer.dtype.kind not in "iufb":
-            return None
-        # Compared before the cast: NaN and infinity have no integer.
-        if not np.all((answer >= self.start) & (answer < self.start + self.n)):
-            return None
-        actions = answer.astype(np.int64)
-        return actions if np.array_equal(actions, answer) else None
+        is_one = answer.shape == (n_steps,) and np.isin(answer, np.arange(self.start, self.start + self.n)).all()
+        return answer.astype(np.int64) if is_one else None
 
 
-@stored(low="A", high="A")
+@stored
 @dataclass(frozen=True, eq=False)
 class Box:
     """Actions of A numbers, each between its bounds (A,): float32 in environments, else float64."""
@@ -94,11 +80,6 @@ class Box:
     def n_parts(self) -> int:
         """Numbers in one action: A."""
         return len(self.low)
-
-    @property
-    def expected(self) -> str:
-        """Form of the output of a policy for one observation, for messages."""
-        return "one finite number" if self.n_parts == 1 else f"{self.n_parts} finite numbers"
 
     @property
     def log_volume(self) -> float:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Iterable
 from unicodedata import category
 
 MAX_LISTED_NAMES, MAX_IDS = 5, 20
 """Names in one sentence, and ids in one printed line."""
+
+_PATH = r"(?<![\w.:])(?<!:/)"  # before a path, and not before the name of a bucket in an address
 
 
 def printable(name: object, kept: str = "") -> str:
@@ -44,3 +48,10 @@ def duration(steps: float, seconds: float | None) -> str:
 def moment(step: int, seconds: float | None) -> str:
     """When a step is, from the first on: ``49.8 s``, or ``step 995``."""
     return f"step {step}" if seconds is None else duration(step, seconds)
+
+
+def for_others(text: str) -> str:
+    """The text with ``~`` for the home folder and without those of others, for reports, which are passed on."""
+    home = os.path.expanduser("~")
+    text = text if home == "/" else re.sub(rf"{_PATH}{re.escape(home)}(?![\w.-])", "~", text)
+    return re.sub(rf"{_PATH}/(?:home|Users)/[^/\s'\"]+", "...", text)

@@ -9,8 +9,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
-from rpil.policies.linear import linear_policy
-from rpil.policies.protocol import Policy
+from rpil.policies.linear import LinearPolicy, linear_policy
 from rpil.policies.selection import FeatureChoice, choose_features
 from rpil.policies.settings import SelectionSettings
 
@@ -46,7 +45,7 @@ class LinearPolicySpec:
         rows, used = observations[trusted], weight[trusted]
         return FeatureMap.fit(choice.kind, rows, used, choice.ridge, settings=self.selection.maps)
 
-    def fit(self, data: Demonstrations, codes: Array, weight: Array, space: Space) -> tuple[FeatureMap, Policy]:
+    def fit(self, data: Demonstrations, codes: Array, weight: Array, space: Space) -> tuple[FeatureMap, LinearPolicy]:
         """The feature map, and the policy fitted to all steps by their `weight` (N,)."""
         choice = self.choice(data, codes, weight, space)
         features = self.feature_map(choice, data.observations, weight)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -11,19 +10,13 @@ import numpy as np
 from rpil.data.copies import copies_among
 from rpil.data.fit_data import FitData
 from rpil.estimators.pipeline import FitResult, FullFit, JudgeInput
-from rpil.inference.fitted_judge import FittedJudge, SoftmaxRatio
+from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.trust import Judgement
-from rpil.numerics.blocks import linear
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.linear import linear_policy
-from rpil.results.evidence import StepEvidence, traces, worth_a_look
-from rpil.results.judged import Traces
 from rpil.results.step_weights import of_demonstrations, weights_of
 from rpil.scale.fit import DesignMap, JudgedSample, WeightedMap, ascend, judge_everyone, policies_of_parts, score_block
 from rpil.scale.local import LocalEngine, gathered
-
-MAX_DRAWN_STEPS = 100_000
-"""Steps that are read again for traces."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +67,6 @@ class SampledFit(FullFit):
         audit = replace(audit, step_log_ratio=decided.judgement.log_ratio, step_weight=gathered(weights, n_steps))
         if audit.taken_over is not None:
             audit = replace(audit, step_weight=weights_of(audit))
-        decided = replace(decided, audit=audit)
-        if options.traces:
-            audit = replace(audit, traces=self._traces(posed, decided, sample))
         decided = replace(decided, audit=audit, linear=None)
         if not self.keeps_policy:
             return decided
@@ -93,19 +83,3 @@ class SampledFit(FullFit):
         start, hessian = first.with_preconditioner(data, weight, final.ridge, total / weight.sum())
         policy = ascend(blocks.kept(n_steps), start, hessian, options.settings.ascent, options.progress)
         return replace(decided, features=features, policy=policy.with_temperature(choice.temperature))
-
-    def _traces(self, posed: JudgeInput, decided: FitResult, sample: JudgedSample) -> dict[Hashable, Traces]:
-        """Traces of the demonstrations most worth a look, as far as few steps are read for them."""
-        task, audit, settings = self.task, decided.audit, self.options.settings.judge.held_out
-        assert decided.judgement is not None
-        drawn = worth_a_look(audit)
-        drawn = drawn[np.cumsum(audit.lengths[drawn]) <= MAX_DRAWN_STEPS]
-        read = np.union1d(sample.indices, drawn)  # the sample says what is typical
-        data = replace(task.data(task.source.select(read), posed.features, single=True), judged=posed.data.judged)
-        ratio = sample.judge.ratio  # of policies that are not held out
-        if isinstance(ratio, SoftmaxRatio):
-            expected = ratio.step_ratios(data.features, data.actions, settings)[0]
-        else:
-            expected = ratio.scaling.back(linear(data.features, ratio.weights))
-        evidence = StepEvidence.of(data, read, expected, ~decided.judgement.claims.lower[read], settings)
-        return traces(audit, evidence, drawn)

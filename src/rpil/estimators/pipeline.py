@@ -28,7 +28,7 @@ from rpil.inference.parts import judged_parts
 from rpil.inference.trust import Judgement, judge, repeated
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
-from rpil.results.evidence import by_held_out_policies, deviations, traces, worth_a_look
+from rpil.results.evidence import COMPARED, by_held_out_policies, deviations
 from rpil.results.record import Audit, Interval
 from rpil.results.step_weights import weights_of
 from rpil.results.summary import audit_from_judgement, audit_from_mixture, parts_not_judged
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from rpil.estimators.task import ActionBox, Features, FinalPolicy
     from rpil.mixture.adversaries.protocol import Adversary
     from rpil.mixture.em import State
-    from rpil.policies.protocol import CrossFittedPolicy
+    from rpil.policies.cross_fitted import CrossFittedPolicy
     from rpil.scale.fit import JudgedSample
     from rpil.scale.protocol import Engine, Shards
 
@@ -61,7 +61,6 @@ class FitOptions:
     policy: object = None
     C: float | None = None
     action_box: ActionBox | None = None
-    traces: bool = True  # for a page
 
     @property
     def judges(self) -> bool:
@@ -267,12 +266,10 @@ class FullFit:
     def fit_policy(self, posed: JudgeInput, decided: FitResult) -> FitResult:
         """Add the final policy, if one is kept, to what was decided with what the actions say."""
         audit, judgement, settings = decided.audit, decided.judgement, self.options.settings.judge.held_out
-        if judgement is not None:
+        if judgement is not None and audit.finding in COMPARED:
             assert decided.linear is not None
             evidence = by_held_out_policies(judgement, decided.linear, posed.copies, settings)
-            phrases = deviations(audit, evidence, self.task.classes)
-            drawn = worth_a_look(audit) if self.options.traces else np.empty(0, dtype=np.int64)
-            audit = replace(audit, deviations=phrases, traces=traces(audit, evidence, drawn))
+            audit = replace(audit, deviations=deviations(audit, evidence, self.task.classes))
         if not self.keeps_policy:
             return replace(decided, audit=audit, linear=None)
         if posed.copies is not None:  # the policy learns from copies as well

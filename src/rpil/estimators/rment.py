@@ -34,8 +34,7 @@ from rpil.estimators.task import Task
 from rpil.numerics.parallel import in_parallel
 from rpil.numerics.types import Array
 from rpil.policies.features import ridge_of
-from rpil.policies.linear import linear_policy
-from rpil.policies.protocol import Policy
+from rpil.policies.linear import LinearPolicy, linear_policy
 from rpil.policies.settings import SelectionSettings
 
 START_STEPS, START_TOL, N_CARRIED = 2, 1e-3, 5
@@ -47,7 +46,7 @@ fitted; and the best starts that go on until the selection stays the same. The l
 class Selection:
     """A selection of demonstrations and the policy fitted to them."""
 
-    policy: Policy
+    policy: LinearPolicy
     log_likelihood: Array
     """Mean log-likelihood of a step of each demonstration under the policy, in nats."""
     selected: Array
@@ -61,7 +60,7 @@ class Selection:
         return float(self.history[-1])
 
 
-def fit_selected(data: FitData, policy: Policy, selected: Array, tol: float) -> Selection:
+def fit_selected(data: FitData, policy: LinearPolicy, selected: Array, tol: float) -> Selection:
     """Fit the policy to the `selected` (M,) demonstrations, each weighted as one of average length."""
     weight = selected * data.lengths.mean() / data.lengths
     subset = data.select(np.flatnonzero(selected))
@@ -102,7 +101,7 @@ def starts(n_demonstrations: int, n_trusted: int, n_starts: int, rng: np.random.
 
 
 def search(
-    data: FitData, policy: Policy, n_trusted: int, subsets: Sequence[Array], tol: float, max_iter: int
+    data: FitData, policy: LinearPolicy, n_trusted: int, subsets: Sequence[Array], tol: float, max_iter: int
 ) -> Selection:
     """The best selection from starts with policies fitted to the `subsets` (M,)."""
 

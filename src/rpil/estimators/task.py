@@ -35,12 +35,12 @@ from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float
 
 if TYPE_CHECKING:
-    from rpil.policies.cross_fitted import IdentityMap
+    from rpil.policies.cross_fitted import CrossFittedPolicy, IdentityMap
     from rpil.policies.features import FeatureMap
-    from rpil.policies.protocol import CrossFittedPolicy, Policy
+    from rpil.policies.linear import LinearPolicy
 
     Features = FeatureMap | IdentityMap
-    FinalPolicy = Policy | CrossFittedPolicy
+    FinalPolicy = LinearPolicy | CrossFittedPolicy
 
 ActionBox = tuple[ArrayLike, ArrayLike]
 Labels = Mapping[Any, str] | Sequence[tuple[Hashable, str]]
@@ -57,8 +57,8 @@ def answers_of(
     read, every = demonstrations.ids, ids or demonstrations.ids
     is_file = isinstance(labels, str | os.PathLike)
     source, named = (str(labels), Path(str(labels)).name) if is_file else (demonstrations.source, "the labels")
-    rows = read_answer_rows(cast(StrPath, labels), every) if is_file else label_rows(labels)
-    by_id, pairs = parse_answers(rows, named, every) if rows or is_file else ({}, {})
+    rows = read_answer_rows(cast(StrPath, labels)) if is_file else label_rows(labels)
+    by_id, pairs = parse_answers(rows, named) if rows or is_file else ({}, {})
     check_ids([*(row.id for row in rows), *chain.from_iterable(pairs)], every, source, "the labels")
     marks = parse_marks(rows, named, read, demonstrations.lengths)
     chosen = {*map(str, read)}

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.demonstrator_groups import DemonstratorNames, names_by_id
-from rpil.data.errors import DataError, user_stack_level
+from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.names import quoted
 from rpil.data.recorded_facts import Outcome, check_outcome, check_sessions
@@ -205,7 +205,7 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
         from sklearn.exceptions import ConvergenceWarning
 
         message = "EM stopped at max_iter before it converged; raise max_iter or tol."
-        warnings.warn(message, ConvergenceWarning, stacklevel=user_stack_level())
+        warnings.warn(message, ConvergenceWarning, stacklevel=2)
     return replace(result, audit=replace(result.audit, assumptions=sentences))
 
 

@@ -9,11 +9,10 @@ import numpy as np
 
 from rpil.data.text import counted, listed
 from rpil.faults import settings
-from rpil.faults.measured_columns import MeasuredColumns, MovingBlock
+from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, part_means
 from rpil.faults.motion import Jump, Wraps
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, in_words
 from rpil.faults.still import few
-from rpil.faults.whole_rules import Duplicate
 from rpil.numerics.types import Array, Bool, Float
 
 
@@ -149,7 +148,11 @@ class Units(ComparingRule):
 class Conventions(ComparingRule):
     name, grade = "two conventions", "broken"
     words = "two parts of the set have columns in another order, of other signs, or moved"
-    measure = Duplicate.measure
+
+    @staticmethod
+    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
+        """Means over parts of each demonstration, (M, K, C)."""
+        return (part_means(block.values, block.offsets, settings.PARTS),)
 
     def findings(self) -> Iterator[Fault]:
         """The difference of the part that tells most."""
@@ -166,7 +169,7 @@ class Conventions(ComparingRule):
 
     def parts(self) -> list[Bool[Array, " M"]]:
         """The smaller part of each way to part the set that a column tells, groups first, or an operator."""
-        profile, of = self.measured[1], np.array(self.data.of_each("operator"))
+        profile, of = self.measured[0], np.array(self.data.of_each("operator"))
         ends, size = self.data.measured[TwoEpisodes.measure][:2], np.log(profile.std(axis=1) + 1e-9)
         features = size.mean(axis=1, keepdims=True), *ends, size, profile.reshape(n := len(of), -1)
         told = [of == name for name in sorted({*of.tolist()})]
@@ -178,7 +181,7 @@ class Conventions(ComparingRule):
     def told(self, rows: Bool[Array, " M"]) -> dict[int, tuple[str, str]]:
         """Columns that a part has otherwise: the kind, and what is seen; none unless all columns are as in the rest
         once that is undone, and some that move are so as they are."""
-        profile, pairs, columns = self.measured[1], self.data.learned.tracked, self.columns
+        profile, pairs, columns = self.measured[0], self.data.learned.tracked, self.columns
         parts = profile[rows], profile[~rows]
         part, rest = ((p.mean(axis=0), p.var(axis=0) / len(p), motion_of(p), path_of(p)) for p in parts)
         found, alike, moves = undone(part, rest, columns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,25 +36,26 @@ class Pair:
         return float(np.abs(self.usual).max())
 
 
-def find_lag(sample: MovingBlock, max_lag: int) -> tuple[tuple[Pair, ...], Int[Array, " C"]]:
+def find_lag(sample: MovingBlock, max_lag: int, told: Collection[int]) -> tuple[tuple[Pair, ...], Int[Array, " C"]]:
     """The state column that is best aligned with each action that has one, the most correlated pair first; and the
-    partner of each column. The longest memory with which there is one tells the lag best. Of many states, those are
-    looked at whose changes are most correlated with the action or its changes."""
+    partner of each column. Columns that are `told`, commands and their states, need no pair. The longest memory with
+    which there is one tells the lag best. Of many states, those are looked at whose changes are most correlated with
+    the action or its changes."""
     is_action = sample.columns.is_action
     action, state, partner = np.flatnonzero(is_action), np.flatnonzero(~is_action), np.full(len(is_action), -1)
-    if not len(action) or not len(state):
+    if not len(action) or not len(state) or len({*told}) == len(partner):
         return (), partner
     related, pairs = _related(sample, action, state, max_lag), []
     for row, own in zip(related, action.tolist(), strict=True):
         near = state[np.sort(np.argsort(-row, kind="stable")[: settings.MAX_PARTNERS])]
-        for order in settings.MEMORIES:
+        for order in settings.MEMORIES if own not in told else ():
             pair = _best_pair(sample, own, near, order, max_lag)
             if pair.correlation >= settings.MIN_CORRELATION:
                 pairs.append(pair)
                 break
     pairs.sort(key=lambda pair: -pair.correlation)
     if pairs and abs(pairs[0].lag) == max_lag == settings.MAX_LAG:  # it may be longer than what was looked at
-        return find_lag(sample, 2 * max_lag)
+        return find_lag(sample, 2 * max_lag, told)
     for some, other, of_own in ((action, state, related), (state, action, related.T)):
         partner[some] = np.where(of_own.max(axis=1) >= settings.LEAST_RELATED, other[of_own.argmax(axis=1)], -1)
     return tuple(pairs), partner

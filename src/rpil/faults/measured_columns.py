@@ -67,6 +67,8 @@ class MovingBlock:
     values: Float[Array, "C T"]
     change: Float[Array, "C T"]  # from the step before
     size: Float[Array, "C T"]  # of the change
+    low: Float[Array, "M C"]  # the smallest value
+    high: Float[Array, "M C"]
     largest: Float[Array, "M C"]  # of the sizes
     motion: Float[Array, " T"]  # `MeasuredColumns.motion_of`
     moves: Bool[Array, " T"]  # whether a step is not idle
@@ -76,22 +78,28 @@ class MovingBlock:
     @classmethod
     def of(cls, block: Block, numbers: Int[Array, " M"], columns: MeasuredColumns) -> MovingBlock:
         """The columns that are compared, of a block; angles that wrap go on beyond a turn."""
-        values = columns.of(block)
-        change = changes(values, block.offsets)
+        values, offsets = columns.of(block), block.offsets
+        begins, change = offsets[:-1], changes(values, offsets)
         size = np.abs(change)
+        low, high, largest = (
+            of.reduceat(x, begins, axis=1).T
+            for of, x in ((np.minimum, values), (np.maximum, values), (np.maximum, size))
+        )
         turn, leaps = np.zeros(len(values)), np.zeros((len(numbers), len(values)), dtype=int)
-        for c in range(len(values)):
+        for c in np.flatnonzero(largest.max(axis=0, initial=0.0) >= settings.NEAR_TURN * min(settings.TURNS)).tolist():
             if turn_of := _turn(values[c], change[c], size[c]):
                 turn[c], leap = turn_of, np.rint(change[c] / turn_of)
-                leaps[:, c] = np.add.reduceat(leap != 0, block.offsets[:-1])
+                leaps[:, c] = np.add.reduceat(leap != 0, begins)
                 change[c] -= turn_of * leap
                 size[c] = np.abs(change[c])
                 turned = np.add.accumulate(leap)
-                values[c] -= turn_of * (turned - np.repeat(turned[block.offsets[:-1]], np.diff(block.offsets)))
-        largest = np.maximum.reduceat(size, block.offsets[:-1], axis=1).T
+                values[c] -= turn_of * (turned - np.repeat(turned[begins], np.diff(offsets)))
+                low[:, c], high[:, c] = (of.reduceat(values[c], begins) for of in (np.minimum, np.maximum))
+                largest[:, c] = np.maximum.reduceat(size[c], begins)
         motion = columns.motion_of(size)
         moves = motion > settings.IDLE_MOTION * columns.motion
-        return cls(block, numbers, block.offsets, columns, values, change, size, largest, motion, moves, turn, leaps)
+        every = values, change, size, low, high, largest, motion, moves, turn, leaps
+        return cls(block, numbers, offsets, columns, *every)
 
 
 def column_labels(demonstrations: Demonstrations | Dataset) -> tuple[str, ...]:
@@ -254,7 +262,8 @@ def _quaternions(values: Array) -> dict[int, Array]:
     size = values.astype(np.float64) ** 2
     for k in range(values.shape[1] - 3):
         is_free = k >= max(found, default=-4) + 4
-        if is_free and np.allclose(size[:, k : k + 4].sum(axis=1), 1.0, atol=1e-3) and size[:, k : k + 4].std() > 0:
+        is_free &= all(np.allclose(x[:, k : k + 4].sum(axis=1), 1.0, atol=1e-3) for x in (size[:1], size) if is_free)
+        if is_free and size[:, k : k + 4].std() > 0:
             found[k] = values[0, k : k + 4]
     return found
 
@@ -265,8 +274,8 @@ def _median_or_one(values: Array) -> float:
 
 def _is_measurement(column: Array) -> bool:
     """Whether a column has many values, which are not those of a byte: 0 to 255, or 0 to 1 in steps of 1 / 255."""
-    low, high = float(column.min()), float(column.max())
-    if len(np.unique(column)) < settings.MIN_DISTINCT or not np.isfinite(column).all():
+    low, high, few = float(column.min()), float(column.max()), 10 * settings.MIN_DISTINCT
+    if all(len(np.unique(x)) < settings.MIN_DISTINCT for x in (column[:few], column)) or not np.isfinite(column).all():
         return False  # values are missing where the sample holds no demonstration without
     is_byte = low >= 0 and high <= 255 and np.array_equal(column, np.rint(column))
     in_parts = column.astype(np.float64) * 255
@@ -275,7 +284,8 @@ def _is_measurement(column: Array) -> bool:
 
 def changes(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> Float[Array, "C T"]:
     """x_t - x_(t-1), and 0 at the first step of each demonstration."""
-    change = np.diff(values, axis=1, prepend=values[:, :1])
+    change = np.empty_like(values)
+    np.subtract(values[:, 1:], values[:, :-1], out=change[:, 1:])
     change[:, offsets[:-1]] = 0.0
     return change
 

@@ -9,7 +9,7 @@ from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock, means
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
 from rpil.faults.still import first_largest, largest, next_largest, runs_of
-from rpil.numerics.types import Array
+from rpil.numerics.types import Array, Float
 
 
 class Leap(ComparingRule):
@@ -48,12 +48,13 @@ class Spike(Leap):
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """With changes d_t to step t, the largest max(0, min(|d_t|, |d_t+1|) - max(|d_t-1|, |d_t+2|)) where d_t and
         d_t+1 have opposite signs; its first and last step, t; and the largest change."""
-        change, size = block.change, block.size
-        apart, after = np.zeros_like(size), np.pad(size[:, 3:], ((0, 0), (0, 1)))
-        np.minimum(size[:, 1:-1], size[:, 2:], out=apart[:, 1:-1])
-        apart[:, 1:-1] *= change[:, 1:-1] * change[:, 2:] < 0
-        apart[:, 1:-1] -= np.maximum(size[:, :-2], after)
-        apart = np.maximum(apart, 0.0)
+        rises, size = block.change > 0, block.size
+        apart = np.zeros_like(size)
+        middle = apart[:, 1:-1]
+        np.minimum(size[:, 1:-1], size[:, 2:], out=middle)
+        middle[:, :-1] -= np.maximum(size[:, :-3], size[:, 3:])
+        middle[:, -1:] -= size[:, -3:-2]
+        middle *= (middle > 0) & (rises[:, 1:-1] != rises[:, 2:])
         spike, step = largest(apart, block.offsets)
         others = (next_largest(values, step, block.offsets) for values in (apart, size))
         return spike, step, step, block.largest, *others
@@ -70,15 +71,16 @@ class Jump(Leap):
         """With changes d_t to step t, the largest |d_t| - max(|d_t-1|, |d_t+1|) where |d_t| is twice as large as both;
         its first and last step, t - 1 and t; and the largest change."""
         size, offsets = block.size, block.offsets
-        around = np.zeros_like(size)
-        np.maximum(size[:, :-2], size[:, 2:], out=around[:, 1:-1])
-        jump = np.where(2.0 * around < size, size - around, 0.0)
+        jump = size.copy()
+        around = np.maximum(size[:, :-2], size[:, 2:])
+        jump[:, 1:-1] -= around
+        jump[:, 1:-1] *= jump[:, 1:-1] > around
         jump[:, offsets[:-1] + np.minimum(np.diff(offsets) - 1, 1)] = 0.0  # nothing tells how it moved before
         jump[:, offsets[1:] - 1] = 0.0
         top, step = largest(jump, offsets)
         # How much larger a change is than at the two steps before and after, in all columns together: in logarithms,
         # whose mean over the columns no single one makes large.
-        change = np.log1p(size / block.columns.scale[:, None]).sum(axis=0) / max(len(size), 1)
+        change = sum_of_logs(size / block.columns.scale[:, None]) / max(len(size), 1)
         together = np.zeros((1, len(change)))
         together[0, 2:-2] = change[2:-2] - np.max([change[:-4], change[1:-3], change[3:-1], change[4:]], axis=0)
         steps = np.arange(len(change)) - np.repeat(offsets[:-1], lengths := np.diff(offsets))
@@ -108,6 +110,13 @@ class Jump(Leap):
         if cause.rule in ("length", "two episodes", "two units"):
             return super().follows(fault, cause)
         return fault.column == cause.column and fault.last in (cause.first, cause.last + 1)
+
+
+def sum_of_logs(values: Float[Array, "C T"]) -> Float[Array, " T"]:
+    """Sum over the columns of log(1 + x): a logarithm for each eight, as it takes longer than a product."""
+    values = np.minimum(values + 1.0, 1e36)
+    parts = np.multiply.reduceat(values, np.arange(0, len(values), 8), axis=0) if len(values) else values
+    return np.asarray(np.log(parts).sum(axis=0))
 
 
 class RepeatedFrames(ComparingRule):

@@ -33,8 +33,7 @@ _OF_RECORDINGS = (
     "missing values, frame count, dropped frames, repeated frames, frozen sensor, frozen action, saturation, spike, "
     "jump, scale, lag, sign, exchanged, offset, shifted action, reversed, frame rate, next state, two episodes, "
     "never moves, idle head, idle tail, duplicate, length, action is state, wraps, pause, constant, "
-    "outside range, two conventions, two units, constant state, "
-    "unrelated"
+    "outside range, two conventions, two units, constant state, unrelated"
 )
 _OF_FOLDERS = "timestamps, totals, episode table, statistics, metadata, missing episodes, named files"
 _OF_VIDEOS = (

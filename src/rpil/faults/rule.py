@@ -116,8 +116,9 @@ class Learned:
         block, numbers = pilot(demonstrations)
         labels = column_labels(demonstrations)
         sample = learn_columns(block, numbers, labels)
-        pairs, partner = find_lag(sample, settings.MAX_LAG)
         tracked = find_tracked(sample)
+        told = [*tracked.action.tolist(), *tracked.state.tolist()] if tracked.is_command else []
+        pairs, partner = find_lag(sample, settings.MAX_LAG, told)
         if tracked.is_command:
             partner[tracked.action], partner[tracked.state] = tracked.state, tracked.action
         states = block.observations[:, : settings.MOST_COLUMNS]
@@ -154,7 +155,7 @@ class Measurements:
             "actions": (not columns.is_action.any(), codes.format("action")),
             "columns": (not columns.names, codes.format("observation or action")),
             "commands": (not len(self.learned.tracked.action), "no action is the command of a state"),
-            "lag": (not self.learned.pairs, "no observation follows an action"),
+            "lag": (not self.learned.pairs and not self.learned.tracked.is_command, "no observation follows an action"),
             "several": (len(self.ids) < least, f"it takes {least} demonstrations to know what is usual"),
         }
         return {need: reason for need, (is_lacking, reason) in reasons.items() if is_lacking}

@@ -92,19 +92,15 @@ NEAR_TURN, WITHIN_TURN = 0.85, 1.01  # share of a turn of a leap at least, and o
 APPROACH = 4  # steps before a leap in which it came nearer, in most of the leaps
 
 # Whole demonstrations
-LENGTH_FACTOR = 2.0  # * times the usual length, or its inverse, and the usual squared distance of last steps
+LENGTH_FACTOR = 2.0  # * times the usual length, or its inverse
 PACE, OTHER_SPEED, MOST_PACE = 1.6, 1.3, 3.0  # times as far in a step by the same action; and at all; at most
-CUT_LENGTH = 0.75  # share of the lower quartile of the lengths, below which one that ends elsewhere is cut off
 SCALE_FACTOR = 12.0  # * times the usual level and the usual change of a column, or their inverse
-NEAR_SHARE = 0.005  # share of independent demonstrations that are taken for near duplicates
-NEAR_DUPLICATE = 0.02, 0.2  # times the median distance from the nearest one: near duplicates below it, none above it
 NEIGHBOUR_ROWS = 1_024  # points whose distances to all others are in memory together
-PARTS, DIRECTIONS, LENGTH_WEIGHT = 8, 8, 10.0  # of a signature; the last, in spreads, of a length e times longer
+PARTS = 8  # of time, whose means are compared
 MIN_DUPLICATE = 50  # steps from which equal demonstrations of codes are duplicates: shorter ones are equal by chance
 LEAST_RANGE = 0.005  # range of a column, relative to the median, below which it never moves
 STEADY_RANGE = 0.25  # the same, or its inverse, within which demonstrations lie in which it moves
-FARTHEST = 25.0  # squared distance of a last step in one column, in spreads, at most
-LEAST_SPREAD = 0.02  # standard deviations of a column by which last steps do not differ
+LEAST_SPREAD = 0.02  # standard deviations of a column by which demonstrations differ, at least
 LEAST_STEPS = 20  # steps of a demonstration from which its scale, and the sign of a column, are known
 MOST_ZERO = 0.9  # share of demonstrations without a column, at most
 MOST_ABSENT = 0.5  # share of demonstrations without a column, and of steps of others in which it is 0, at most

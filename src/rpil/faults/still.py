@@ -6,15 +6,13 @@ Arrays are (C, T), as in `rpil.faults.measured_columns`.
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from rpil.data.arrays import spans
 from rpil.faults import settings
-from rpil.faults.measured_columns import MovingBlock, not_recorded, ranges_and_zeros, window_means
+from rpil.faults.measured_columns import MovingBlock, means, not_recorded
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
 from rpil.numerics.types import Array, Bool, Float, Int, Shaped
 
@@ -31,21 +29,32 @@ class HeldValue(ComparingRule):
         the value; and the lowest and the highest value. A column rests with its partner, as a hand that is closed:
         steps count in which that changes. Then from where on no observation changes, and in how many steps the action
         does; and how far the partner is from the value as the run begins, and at most in it."""
-        values, offsets, changed, partner = block.values, block.offsets, block.size > 0, block.columns.partner
-        counts = block.moves & np.where(partner[:, None] < 0, True, changed[partner])
-        still, first, length = longest_runs(changed, counts, offsets)
-        low, high = (of.reduceat(values, offsets[:-1], axis=1).T for of in (np.minimum, np.maximum))
-        at = values[np.arange(len(values)), first + offsets[:-1, None]]
-        is_state = ~block.columns.is_action
-        together, acts = changed[is_state].any(axis=0, keepdims=True), changed[~is_state].any(axis=0, keepdims=True)
-        n, since, every = (x[:, 0] for x in longest_runs(np.asarray(together), np.asarray(acts), offsets))
-        ends = (since > 0) & (since + every == np.diff(offsets)) & (n >= settings.STILL_SHARE * np.diff(offsets))
-        n = n * (ends & (is_state.sum() > 1))
-        starts = (first + offsets[:-1, None]).T + values.shape[1] * np.maximum(partner, 0)[:, None]  # (C, M)
-        bounds, flat = np.stack([starts, starts + length.T], axis=2).ravel(), np.append(values, 0.0)
-        most, least = (of.reduceat(flat, bounds)[::2].reshape(starts.shape).T for of in (np.maximum, np.minimum))
-        far = np.abs(flat[starts].T - at), np.maximum(most - at, at - least)
-        return still, first, length, at, low, high, since, n, *far
+        values, offsets, partner, is_state = (
+            block.values,
+            block.offsets,
+            block.columns.partner,
+            ~block.columns.is_action,
+        )
+        begins, ends, n_states = offsets[:-1], offsets[1:], is_state.sum()
+        stays = block.size == 0
+        stays[:, begins] = False
+        still, first, length = longest_runs(
+            stays,
+            lambda c, t: block.moves[t] & ((partner[c] < 0) | (block.size[partner[c], t] > 0)),
+            offsets,
+        )
+        at = values[np.arange(len(values)), first + begins[:, None]]
+        together = stays[:n_states].all(axis=0, keepdims=True) & ~np.isin(np.arange(len(block.moves)), begins)
+        acts = block.size[n_states:]
+        n, since, every = (
+            x[:, 0] for x in longest_runs(together, lambda _, t: np.asarray((acts[:, t] > 0).any(axis=0)), offsets)
+        )
+        ends = (since > 0) & (since + every == ends - begins) & (n >= settings.STILL_SHARE * (ends - begins))
+        far = np.zeros((2, *first.shape))
+        for m, c in np.argwhere((length >= settings.MIN_FROZEN) & (partner >= 0)).tolist():
+            of_partner = np.abs(values[partner[c], begins[m] + first[m, c] :][: length[m, c]] - at[m, c])
+            far[:, m, c] = of_partner[0], of_partner.max()
+        return still, first, length, at, block.low, block.high, since, n * (ends & (n_states > 1)), *far
 
     def compare(self) -> Compared:
         chosen = np.isin(self.columns.is_action, self.kinds)
@@ -119,7 +128,7 @@ class NeverMoves(ComparingRule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """The range of each column, and the share of its steps in which it is 0."""
-        return ranges_and_zeros(block.values, block.offsets)
+        return block.high - block.low, means(block.values == 0, block.offsets)
 
     def compare(self) -> Compared:
         ranges, zeros = self.measured
@@ -159,10 +168,13 @@ def largest(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Flo
 
 def next_largest(values: Float[Array, "C T"], step: Int[Array, "M C"], offsets: Int[Array, " _"]) -> Array:
     """The largest value of each demonstration but for the steps around the one that has it, (M, C)."""
-    values, rows = values.copy(), np.arange(len(values))
-    for off in range(-settings.WIDTH, settings.WIDTH + 1):
-        values[rows, np.clip(step + off, 0, np.diff(offsets)[:, None] - 1) + offsets[:-1, None]] = 0.0
-    return np.asarray(np.maximum.reduceat(values, offsets[:-1], axis=1).T)
+    near = np.arange(-settings.WIDTH, settings.WIDTH + 1)[:, None, None]
+    at = np.arange(len(values)), np.clip(step + near, 0, np.diff(offsets)[:, None] - 1) + offsets[:-1, None]
+    there = values[at]
+    values[at] = 0.0
+    found = np.maximum.reduceat(values, offsets[:-1], axis=1).T
+    values[at] = there
+    return np.asarray(found)
 
 
 def first_largest(values: Shaped[Array, " K"], begins: Int[Array, " P"]) -> Int[Array, " P"]:
@@ -173,16 +185,22 @@ def first_largest(values: Shaped[Array, " K"], begins: Int[Array, " P"]) -> Int[
 
 
 def longest_runs(
-    changed: Bool[Array, "C T"], counts: Bool[Array, "C T"], offsets: Int[Array, " _"]
+    stays: Bool[Array, "C T"], counts: Callable[[Array, Array], Array], offsets: Int[Array, " _"]
 ) -> tuple[Int[Array, "M C"], Int[Array, "M C"], Int[Array, "M C"]]:
-    """The run without a change that has most steps that count, of each demonstration: the number of these steps, the
-    step at which the run begins, and its length."""
-    runs, starts, bounds = runs_of(changed, offsets)
-    counted = np.append(0, np.cumsum(counts))
-    # A run begins with the step that changed, and that step is not counted.
-    weight = counted[starts + runs] - counted[starts + 1]
-    run = first_largest(weight, bounds).reshape(len(changed), len(offsets) - 1).T
-    return weight[run], starts[run] % changed.shape[1] - offsets[:-1, None], runs[run]
+    """The run of steps that stay as the one before that has most steps that count, of each demonstration: the number of
+    these steps, the step before the run, and its length with that; 0, 0 and 1 where nothing counts. `counts` tells it
+    of columns and steps; no first step of a demonstration stays."""
+    n, first, length = (np.full((len(offsets) - 1, len(stays)), k) for k in (0, 0, 1))
+    cells = np.flatnonzero(stays)
+    begins = np.flatnonzero(np.append(True, np.diff(cells) != 1)[: len(cells)])
+    column, step = np.divmod(cells, stays.shape[1])
+    weight = np.add.reduceat(counts(column, step), begins, dtype=int) if len(cells) else begins
+    sizes, column, step = np.diff(begins, append=len(cells)), column[begins], step[begins]
+    order = np.lexsort((-step, weight))  # the last one of a demonstration and column stays: the first of the longest
+    order = order[weight[order] > 0]
+    at = np.searchsorted(offsets, step, side="right")[order] - 1, column[order]
+    n[at], first[at], length[at] = weight[order], step[order] - 1 - offsets[at[0]], sizes[order] + 1
+    return n, first, length
 
 
 def runs_of(changed: Bool[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Array, Array, Array]:
@@ -195,68 +213,102 @@ def runs_of(changed: Bool[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Arr
     return np.diff(starts, append=changed.size), starts, np.searchsorted(starts, first.ravel())
 
 
-def long_runs(rows: Bool[Array, " n"], least: int) -> Bool[Array, " n"]:
-    """The rows without those of runs of fewer than `least`."""
-    for a, b in spans(rows):
-        rows[a:b] = b - a >= least
-    return rows
+def parts(rows: Bool[Array, " T"], offsets: Int[Array, " _"]) -> tuple[Int[Array, " R"], Int[Array, " R"]]:
+    """The first row of each run of True, and the one after its last; a run ends with its demonstration."""
+    begins, ends = rows.copy(), rows.copy()
+    begins[1:] &= ~rows[:-1]
+    ends[:-1] &= ~rows[1:]
+    begins[offsets[:-1]], ends[offsets[1:] - 1] = rows[offsets[:-1]], rows[offsets[1:] - 1]
+    return np.flatnonzero(begins), np.flatnonzero(ends) + 1
 
 
-def steady(values: Float[Array, "C n"], bands: Mapping[int, Float[Array, " C"]], least: int) -> Bool[Array, " n"]:
-    """Rows of runs, of `least` or more, in which the means over W rows and over the next W lie within the band of each
-    width W; a wider one, which sees slower motion, looks only at what is steady by those before."""
+def covered(n: int, begins: Int[Array, " R"], ends: Int[Array, " R"]) -> Bool[Array, " n"]:
+    """Which of n rows lie in one of the parts."""
+    edges = np.bincount(begins, minlength=n + 1) - np.bincount(ends, minlength=n + 1)
+    return np.asarray(np.cumsum(edges)[:n] > 0)
+
+
+def long_runs(rows: Bool[Array, " T"], offsets: Int[Array, " _"]) -> Bool[Array, " T"]:
+    """The rows without those of runs of fewer than `REST_ROWS`."""
+    begins, ends = parts(rows, offsets)
+    long = ends - begins >= settings.REST_ROWS
+    return covered(len(rows), begins[long], ends[long])
+
+
+def steady(
+    values: Float[Array, "C T"], bands: Mapping[int, Float[Array, " C"]], offsets: Int[Array, " _"]
+) -> Bool[Array, " T"]:
+    """Rows of long runs in which the means over W rows and over the next W lie within the band of each width W; a wider
+    one, which sees slower motion, looks only at what is steady by those before."""
     found = np.ones(values.shape[1], dtype=bool)
     for w, band in bands.items():
-        for a, b in spans(found):
-            if b - a >= 2 * w:
-                means = window_means(values[:, a:b], w)
-                near = (np.abs(means[:, w:] - means[:, :-w]) <= band[:, None]).all(axis=0)
-                found[a:b] = np.convolve(near, np.ones(2 * w)) > 0
-        found = long_runs(found, least)
+        begins, ends = parts(found, offsets)
+        n = ends - begins - 2 * w + 1
+        begins, ends, n = begins[n > 0], ends[n > 0], n[n > 0]
+        at = np.arange(n.sum()) + np.repeat(begins - np.cumsum(n) + n, n)
+        found &= ~covered(len(found), begins, ends)
+        for own, most in zip(values, w * band, strict=True):
+            total = np.append(0.0, np.cumsum(own)) if len(at) else own
+            at = at[np.abs(total[at + 2 * w] - 2.0 * total[at + w] + total[at]) <= most]
+        found = long_runs(found | covered(len(found), at, at + 2 * w), offsets)
     return found
 
 
-def resting_rows(block: MovingBlock, is_command: bool, by_states: bool = True) -> list[Bool[Array, " n"]]:
-    """Rows of each demonstration in which states rest within the noise of their sensors, while the action stays exactly
-    the same, or is 0 where it is no command; or, `by_states`, where nothing stays so, while it rests as well."""
-    columns, actions, least, found = block.columns, block.block.actions, settings.REST_ROWS, []
+def resting_rows(block: MovingBlock, is_command: bool, by_states: bool = True) -> Bool[Array, " T"]:
+    """Rows in which states rest within the noise of their sensors, while the action stays exactly the same, or is 0
+    where it is no command; or, `by_states`, where nothing stays so, while it rests as well."""
+    columns, actions, offsets = block.columns, block.block.actions, block.offsets
+    rests = np.zeros(len(actions), dtype=bool)
     if actions.ndim == 1:
-        return [np.zeros(n, dtype=bool) for n in np.diff(block.offsets).tolist()]
+        return rests
     tells = settings.REST_FAR * columns.noise <= settings.LARGEST_BAND * columns.spread
-    states, noise = ~columns.is_action[tells], columns.noise[tells]
+    states, noise, own = ~columns.is_action[tells], columns.noise[tells], block.values[tells]
+    if not states.any():
+        return rests
     drift = settings.REST_DRIFT * columns.spread[tells] + 1e-12
     bands = {w: settings.REST_FAR * np.sqrt(2 / w) * noise + drift * w for w in settings.REST_WIDTHS}
     of_states, reach = {w: band[states] for w, band in bands.items()}, settings.REST_FAR * (noise + drift)[:, None]
-    same: Array = ((np.diff(actions, axis=0, prepend=np.nan) == 0) | ((actions == 0) & (not is_command))).all(axis=1)
-    same[block.offsets[:-1]] = False
-    for begin, end in itertools.pairwise(block.offsets.tolist()):
-        own, rests, n = block.values[tells, begin:end], np.zeros(end - begin, dtype=bool), end - begin
-        exact = [(max(a - 1, 0), b) for a, b in spans(long_runs(same[begin:end], least)) if b - a < n - 1]
-        parts = [(a, b, a + c, a + d) for a, b in exact for c, d in spans(steady(own[states, a:b], of_states, least))]
-        more = spans(steady(own, bands, least)) if by_states else []
-        more = [(a, b) for a, b in more if not any(a < d and c < b for c, d in exact)]
-        every = [(states, *part) for part in parts] + [(states | True, 0, n, *part) for part in more]
-        for chosen, low, high, a, b in every:
-            off = np.abs(own[chosen, a:b] - np.median(own[chosen, a:b], axis=1, keepdims=True))
-            near = np.flatnonzero((off <= reach[chosen]).all(axis=0))
-            if len(near) and near[-1] - near[0] >= least - 1:  # in the first it arrives
-                first = 0 if low == 0 and a <= least // 2 else a + near[0] + 1  # at the ends a few rows tell little
-                last = n if high == n and n - b <= least // 2 else a + near[-1] + 1
-                rests[first:last] = True
-        found.append(long_runs(rests, least) & states.any())
-    return found
+    same: Array = np.ones(actions.shape, dtype=bool)
+    np.equal(actions[1:], actions[:-1], out=same[1:])
+    same = np.asarray((same if is_command else same | (actions == 0)).all(axis=1))
+    same[offsets[:-1]] = False
+    begins, ends = parts(long_runs(same, offsets), offsets)
+    moves = ends - begins < np.diff(offsets)[np.searchsorted(offsets, begins, side="right") - 1] - 1
+    begins, ends = begins[moves] - 1, ends[moves]
+    is_exact = covered(len(same), begins, ends)
+    inside, bounds = np.flatnonzero(is_exact), np.append(0, np.cumsum(ends - begins))
+    a, b = parts(steady(own[np.ix_(states, inside)], of_states, bounds), bounds)
+    k = np.searchsorted(bounds, a, side="right") - 1
+    found = [(own[states], reach[states], inside[a], inside[b - 1] + 1, begins[k], ends[k])]
+    if by_states:
+        a, b = parts(steady(own, bands, offsets), offsets)
+        n = np.append(0, np.cumsum(is_exact))
+        a, b = a[n[a] == n[b]], b[n[a] == n[b]]  # else the action tells
+        k = np.searchsorted(offsets, a, side="right") - 1
+        found.append((own, reach, a, b, offsets[k], offsets[k + 1]))
+    for values, far, *of_runs in found:
+        for a, b, low, high in zip(*(of.tolist() for of in of_runs), strict=True):
+            order, n = np.sort(values[:, a:b], axis=1), b - a
+            middle = (order[:, (n - 1) // 2, None] + order[:, n // 2, None]) / 2
+            near = np.flatnonzero((np.abs(values[:, a:b] - middle) <= far).all(axis=0))
+            if len(near) and near[-1] - near[0] >= settings.REST_ROWS - 1:  # in the first it arrives
+                is_head, is_tail = (x - y <= settings.REST_ROWS // 2 for x, y in ((a, low), (high, b)))
+                first = low if is_head and low in offsets else a + near[0] + 1  # at the ends a few rows tell little
+                rests[first : high if is_tail and high in offsets else a + near[-1] + 1] = True
+    return long_runs(rests, offsets)
 
 
 def idle_runs(block: MovingBlock, is_command: bool) -> tuple[Int[Array, " M"], ...]:
     """Steps at rest at the beginning and at the end of each demonstration, and the first step and the length of its
     longest rest between; by states alone they count where actions are commands."""
     head, tail, first, longest = (np.zeros(len(block.numbers), dtype=int) for _ in range(4))
-    for m, rests in enumerate(resting_rows(block, is_command, is_command)):
-        for a, b in spans(rests):
-            if a == 0:
-                head[m] = b - 1  # motion begins in the last
-            elif b == len(rests):
-                tail[m] = b - a
-            elif b - a > longest[m]:
-                first[m], longest[m] = a, b - a
+    begins, ends = parts(resting_rows(block, is_command, is_command), block.offsets)
+    places = np.searchsorted(block.offsets, begins, side="right") - 1
+    for m, a, b in zip(places.tolist(), begins.tolist(), ends.tolist(), strict=True):
+        if a == block.offsets[m]:
+            head[m] = b - a - 1  # motion begins in the last
+        elif b == block.offsets[m + 1]:
+            tail[m] = b - a
+        elif b - a > longest[m]:
+            first[m], longest[m] = a - block.offsets[m], b - a
     return head, tail, first, longest

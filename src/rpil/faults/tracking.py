@@ -142,21 +142,24 @@ def misfits(block: MovingBlock, pairs: Tracked) -> Float[Array, "M K"]:
     pairs, each in its usual spread."""
     fits = np.flatnonzero(pairs.fits)[: settings.LAG_PAIRS]
     own, begin, end = pairs.action[fits], block.offsets[:-1], block.offsets[1:]
-    spread = block.columns.spread[own, None]
+    spread, steps = block.columns.spread[own, None], int(end[-1])
     actions = centred(block.values[own] / spread, block.offsets)
     states = centred(block.values[pairs.state[fits]] * (pairs.slope[fits, None] / spread), block.offsets)
-    sums = [_totals(x) for x in (actions, states)], [_totals(np.einsum("pt,pt->t", x, x)) for x in (actions, states)]
-    left = []
-    for lag in range(-settings.MAX_SHIFT, settings.MAX_SHIFT + 1):
-        first = np.minimum([begin + max(-lag, 0), begin + max(lag, 0)], end)  # of actions, and of states
-        n, steps = np.maximum(end - begin - abs(lag), 0), actions.shape[1]
-        both = (x[:, k : steps - abs(lag) + k] for x, k in ((actions, max(-lag, 0)), (states, max(lag, 0))))
-        product = _totals(np.einsum("pt,pt->t", *both))
-        at = np.minimum([begin, begin + n], len(product) - 1)
-        (a, s), (aa, ss) = ([x[..., k + n] - x[..., k] for x, k in zip(of, first, strict=True)] for of in sums)
-        n = np.maximum(n, 1)
-        left.append((aa + ss - 2.0 * (product[at[1]] - product[at[0]])) / n - (((a - s) / n) ** 2).sum(axis=0))
-    power = sums[1][0][end] - sums[1][0][begin]
+    lags = np.arange(-settings.MAX_SHIFT, settings.MAX_SHIFT + 1)[:, None]
+    late, early, n = np.maximum(lags, 0), np.maximum(-lags, 0), np.maximum(end - begin - abs(lags), 0)  # (K, M)
+    products = np.zeros((len(lags), steps))
+    for own_lag, e, k in zip(products, early[:, 0].tolist(), late[:, 0].tolist(), strict=True):
+        np.einsum("pt,pt->t", actions[:, e : steps - k], states[:, k : steps - e], out=own_lag[: max(steps - e - k, 0)])
+    total = _totals(products)
+    both = np.take_along_axis(total, begin + n, axis=1) - total[:, begin]
+    sums = []
+    for values, k in ((actions, early), (states, late)):
+        first = np.minimum(begin + k, end)
+        every = _totals(values), _totals(np.einsum("pt,pt->t", values, values))
+        sums += [of[..., first + n] - of[..., first] for of in every]
+    (a, aa, s, ss), n = sums, np.maximum(n, 1)
+    left = (aa + ss - 2.0 * both) / n - (((a - s) / n) ** 2).sum(axis=0)
+    power = aa[settings.MAX_SHIFT]
     return np.asarray(np.maximum(left, 0.0).T / np.maximum(power / (end - begin), 1e-12)[:, None])
 
 

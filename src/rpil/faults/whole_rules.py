@@ -12,52 +12,31 @@ from rpil.data.text import counted, duration
 from rpil.faults import settings
 from rpil.faults.command_rules import CommandRule
 from rpil.faults.lag import shifts
-from rpil.faults.measured_columns import MovingBlock, part_means
+from rpil.faults.measured_columns import MovingBlock
 from rpil.faults.motion import Scale
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, Measurements, Rule, above
 from rpil.faults.still import few, idle_runs
-from rpil.numerics.types import Array, Bool, Float, Int
+from rpil.numerics.types import Array, Bool, Int
 
 
 class Length(ComparingRule):
-    name, words = "length", "it is far longer or shorter than the others, or short and ends where they do not"
-    sentence = "it has {steps}{seconds} (usual: {low:.0f} to {high:.0f} steps){end}"
+    name, words = "length", "it is far longer or shorter than the others"
+    sentence = "it has {steps}{seconds} (usual: {low:.0f} to {high:.0f} steps)"
     needs = ("several",)
 
-    @staticmethod
-    def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """The observations of the last step."""
-        return (block.values[:, block.offsets[1:] - 1][~block.columns.is_action].T,)
-
-    @property
-    def far(self) -> Array:
-        """Mean squared distance of each last step from the usual one, in spreads, in columns that do not end by
-        chance, (M,)."""
-        (last,), columns, own = self.measured, self.columns, ~self.columns.is_action
-        off = last - np.median(last, axis=0)
-        spread = np.median(np.abs(off), axis=0) / 0.6745 + settings.LEAST_SPREAD * columns.spread[own]
-        lasting = columns.memory[own] >= settings.LEAST_MEMORY
-        squares = np.minimum((off / spread) ** 2, settings.FARTHEST) * lasting
-        return np.asarray(squares.sum(axis=1) / max(own.sum(), 1))
-
     def compare(self) -> Compared:
-        lengths, far = self.data.lengths.astype(float), self.far
+        lengths = self.data.lengths.astype(float)
         self.low, self.high = low, high = self.two_fences(lengths, settings.LENGTH_FACTOR)
-        short, usual_end = settings.CUT_LENGTH * np.quantile(lengths, 0.25), max(np.quantile(far, 0.75), 1.0)
-        cut = np.minimum(short / lengths, far / (settings.LENGTH_FACTOR * usual_end)) * (short >= settings.LEAST_STEPS)
         # What many demonstrations have, as those of another sampling rate, is no fault of one.
-        are_few = max((lengths < low).sum(), (lengths > high).sum(), (cut > 1).sum()) <= few(len(lengths))
+        are_few = max((lengths < low).sum(), (lengths > high).sum()) <= few(len(lengths))
         is_known = np.isfinite(high) & (low != 0) & are_few
         severity = np.where(is_known, np.maximum(lengths / high, low / lengths), np.nan)
-        self.is_cut = is_known & (cut > 1) & (severity <= 1)
-        return lengths, np.where(lengths > high, high, low), np.where(self.is_cut, cut, severity)
+        return lengths, np.where(lengths > high, high, low), severity
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        seconds = self.data.seconds
-        lasts = "" if seconds is None else f", {duration(fault.value, seconds)}"
-        end = ", fewer than most, and ends where the others do not: perhaps it is cut off" if self.is_cut[m] else ""
+        lasts = "" if self.data.seconds is None else f", {duration(fault.value, self.data.seconds)}"
         steps = counted(int(fault.value), "step")
-        return super().say(fault, m, c, steps=steps, seconds=lasts, low=self.low, high=self.high, end=end)
+        return super().say(fault, m, c, steps=steps, seconds=lasts, low=self.low, high=self.high)
 
 
 class OtherLag(ComparingRule):
@@ -73,31 +52,32 @@ class OtherLag(ComparingRule):
         return shifts(block, learned.pairs)
 
     def compare(self) -> Compared:
+        tracked, n = self.data.learned.tracked, len(self.data.ids)
+        self.early = np.zeros(n, dtype=int)
+        if tracked.is_command:
+            return self.of_commands(self.data.measured[CommandRule.measure][-1], tracked.lag)
         self.shift, gain = self.measured[:2]
         steps, least_gain = np.abs(self.shift), self.fence(gain, settings.USUAL_FACTOR, settings.SMALLEST_GAIN)
         power = sum(float(pair.usual @ pair.usual) for pair in self.data.learned.pairs)
         # A correlation of n steps is off by n^-1/2.
         by_chance = settings.TAIL * np.sqrt(2.0 / (power * self.data.lengths))
         severity = np.where(steps > 0, gain / np.maximum(least_gain, by_chance), 0.0)
-        are_few = (severity > 1).sum() <= few(len(steps))
-        severity = severity if are_few and np.isfinite(least_gain) else np.full(len(steps), np.nan)
-        # Commands tell their lags more exactly: where a few differ, and where states move before them in any.
-        left, tracked = self.data.measured[CommandRule.measure][-1], self.data.learned.tracked
-        self.early = np.zeros(len(steps), dtype=int)
-        if not tracked.is_command:
-            return steps, 1, severity
+        are_few = (severity > 1).sum() <= few(n)
+        return steps, 1, severity if are_few and np.isfinite(least_gain) else np.full(n, np.nan)
+
+    def of_commands(self, left: Array, lag: int) -> Compared:
+        """By what is left of commands at each lag: where a few differ, and where states move before them in any."""
         zero, best, least = settings.MAX_SHIFT, left.argmin(axis=1), left.min(axis=1)
         known, enough = least < settings.LAG_FITS, settings.LAG_BETTER * least
         late = known & (left[:, [zero, zero + 1]].min(axis=1) > enough)
         self.early = np.where(late, np.maximum(zero - best - 1, 0), 0)
-        shift, usual = best - zero - tracked.lag, left[:, zero + tracked.lag]
-        times = np.where(abs(shift) > 1, 1.0, settings.LAG_BETTER)
-        other = known & (usual > times * enough) & (shift != 0) & (tracked.lag > 0)  # else most are at fault
-        if other.sum() <= few(len(other)):
-            self.shift, steps = np.where(other, shift, self.shift), np.where(other, np.abs(shift), steps)
-            exact = np.where(other, np.sqrt(usual / (least + 1e-12)), 0.0)
-            severity = exact if known.mean() >= settings.MOST_FEW else severity
-        return np.where(self.early > 0, self.early + 1, steps), 1, np.fmax(severity, 2.0 * self.early)
+        self.shift, usual = best - zero - lag, left[:, zero + lag]
+        times = np.where(abs(self.shift) > 1, 1.0, settings.LAG_BETTER)
+        other = known & (usual > times * enough) & (self.shift != 0) & (lag > 0)  # else most are at fault
+        is_told = known.mean() >= settings.MOST_FEW and other.sum() <= few(len(other))
+        severity = np.where(other, np.sqrt(usual / (least + 1e-12)), 0.0) if is_told else np.full(len(left), np.nan)
+        steps = np.where(self.early > 0, self.early + 1, np.abs(self.shift))
+        return steps, 1, np.where(self.early > 0, np.fmax(severity, 2.0 * self.early), severity)
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
         steps, when = self.data.in_steps(int(fault.value)), "later" if self.shift[m] > 0 else "sooner"
@@ -107,10 +87,15 @@ class OtherLag(ComparingRule):
 
     def usual(self) -> str:
         """The usual lag in words."""
-        best = self.data.learned.pairs[0]
-        names = [self.columns.names[c] for c in (best.action, best.state)]
-        first, second = names if best.lag >= 0 else names[::-1]
-        return f"{second} follows {first} after {self.data.in_steps(abs(best.lag))}"
+        tracked, pairs = self.data.learned.tracked, self.data.learned.pairs
+        p = int(tracked.fits.argmax()) if tracked.is_command else 0
+        action, state, lag = (
+            (tracked.action[p], tracked.state[p], tracked.lag)
+            if tracked.is_command
+            else (pairs[0].action, pairs[0].state, pairs[0].lag)
+        )
+        first, second = [self.columns.names[c] for c in (action, state)][:: 1 if lag >= 0 else -1]
+        return f"{second} follows {first} after {self.data.in_steps(abs(lag))}"
 
 
 class Sign(ComparingRule):
@@ -122,13 +107,11 @@ class Sign(ComparingRule):
     measure = OtherLag.measure
 
     def compare(self) -> Compared:
-        agreement, learned, pairs = self.measured[2], self.data.learned, self.data.learned.pairs
+        agreement, pairs = self.measured[2], self.data.learned.pairs  # of commands `CommandAgainstState` tells
         self.names = tuple(self.columns.names[pair.action] for pair in pairs)
         usual = np.array([pair.correlation for pair in pairs])
         by_chance = settings.TAIL * 2.0 / np.sqrt(self.data.lengths)[:, None]
         severity = -agreement / np.maximum(settings.OPPOSITE * usual, by_chance)
-        if learned.tracked.is_command:  # `CommandAgainstState` knows their signs
-            severity[:, np.isin([pair.action for pair in pairs], learned.tracked.action)] = 0.0
         is_usual = np.median(agreement, axis=0) > settings.OPPOSITE * usual
         are_few = (severity > 1).sum(axis=0) <= few(len(severity))
         return agreement, 0.0, np.where(is_usual & are_few, severity, np.nan)
@@ -154,66 +137,21 @@ class FrameRate(CommandRule):
 
 
 class Duplicate(Rule):
-    name, words = "duplicate", "another demonstration is the same, or nearly"
-    causes = ("never moves", "two units")
+    name, words = "duplicate", "another demonstration is the same"
 
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
-        """A hash; and means over parts of each demonstration, (M, K, C)."""
-        digest = digests(block.block.observations, block.block.actions, block.offsets)
-        return digest, part_means(block.values, block.offsets, settings.PARTS)
-
-    @classmethod
-    def follows(cls, fault: Fault, cause: Fault) -> bool:
-        """Columns that do not move are alike, but not the same."""
-        return fault.value > 0
+        """A hash."""
+        return (digests(block.block.observations, block.block.actions, block.offsets),)
 
     @classmethod
     def find(cls, data: Measurements) -> Iterator[Fault]:
-        (digest, profile), spread = data.measured[cls.measure], data.learned.columns.spread
-        directions = np.random.default_rng(0).normal(size=(settings.DIRECTIONS, len(spread))) / spread
-        seen = (profile @ directions.T).reshape(len(profile), -1)
-        signatures = np.column_stack([seen, settings.LENGTH_WEIGHT * np.log(data.lengths)])
-        are_measured = bool(data.learned.columns.names)
-        first = Copies.of(digest).copy_of
-        is_copy = (first < np.arange(len(first))) & (are_measured | (data.lengths >= settings.MIN_DUPLICATE))
-        twins = [(m, int(first[m]), 0.0, 0.0, "") for m in np.flatnonzero(is_copy).tolist()]
-        if are_measured and len(signatures) >= settings.FEWEST_DEMONSTRATIONS:
-            distance, nearest = nearest_others(signatures)
-            limit = near_limit(distance)
-            near = (distance < limit) & (nearest < np.arange(len(nearest))) & ~is_copy
-            twins += [(m, int(nearest[m]), float(distance[m]), limit, "nearly ") for m in np.flatnonzero(near).tolist()]
-        for m, twin, value, limit, how in twins:
-            severity = min(limit / value, 1e3) if value else 1e3
-            sentence, last = f"it is {how}the same as demonstration {data.ids[twin]!r}", int(data.lengths[m]) - 1
-            yield Fault(cls.name, data.ids[m], 0, last, "", value, limit, severity, sentence)
-
-
-def nearest_others(points: Float[Array, "M S"]) -> tuple[Float[Array, " M"], Int[Array, " M"]]:
-    """The distance of each point to the nearest other one, and the number of that."""
-    squares = np.einsum("ms,ms->m", points, points)
-    nearest = np.empty(len(points), dtype=int)
-    for begin in range(0, len(points), settings.NEIGHBOUR_ROWS):
-        rows = np.arange(begin, min(begin + settings.NEIGHBOUR_ROWS, len(points)))
-        further = squares - 2 * points[rows] @ points.T  # the squared distance less that of the point itself
-        further[rows - begin, rows] = np.inf
-        nearest[rows] = further.argmin(axis=1)
-    return np.linalg.norm(points - points[nearest], axis=1), nearest
-
-
-def near_limit(distance: Array) -> float:
-    """Distance from the nearest other point below which a share `NEAR_SHARE` of independent points lie.
-
-    Distances of nearest neighbours in k dimensions follow a Weibull distribution, whose shape is k. With their median
-    q2 and upper quartile q3,
-
-        P(d < x) = 1 - 2^(-(x / q2)^k),        k = log 2 / log(q3 / q2).
-    """
-    middle, high = (float(np.quantile(distance, q, method="lower")) for q in (0.5, 0.75))
-    if not 0 < middle < high:
-        return 0.0
-    power = np.log(high / middle) / np.log(2.0)
-    return middle * float(np.clip((settings.NEAR_SHARE / np.log(2.0)) ** power, *settings.NEAR_DUPLICATE))
+        """Copies, each of which names the first one; short ones of codes are equal by chance."""
+        first = Copies.of(data.measured[cls.measure][0]).copy_of
+        is_long = data.lengths >= (0 if data.learned.columns.names else settings.MIN_DUPLICATE)
+        for m in np.flatnonzero((first < np.arange(len(first))) & is_long).tolist():
+            sentence, last = f"it is the same as demonstration {data.ids[first[m]]!r}", int(data.lengths[m]) - 1
+            yield Fault(cls.name, data.ids[m], 0, last, "", 0.0, 0.0, 1e3, sentence)
 
 
 class IdleEnd(ComparingRule):

@@ -137,8 +137,7 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
     Parameters
     ----------
     path : path or frame
-        A file or folder of any known format; a pattern such as ``drive/*.parquet``; a data set of the Hub, as
-        ``hf://datasets/owner/name``; or a data frame.
+        A file or folder of any known format, or a data frame.
     on_disk : bool, optional
         Leave the demonstrations on disk, as a `Dataset` of any size, which is a copy in a temporary folder, or read
         them into memory; by default those that take more than `memory` stay there.
@@ -195,8 +194,7 @@ def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:
     (id,demonstrator), or a column of the data, which a `Recording` was read with. A `DataError` names the file:
     nothing of that name, a demonstration with two demonstrators, an empty name."""
     if is_id_file(where):
-        ids = data.ids if isinstance(data, Recording) else ()
-        return match_demonstrators(read_id_pairs(where, "demonstrator", ids), Path(where).name)
+        return match_demonstrators(read_id_pairs(where, "demonstrator"), Path(where).name)
     recording = data if isinstance(data, Recording) else read_recording(data, ColumnOptions(operator=where))
     return match_demonstrators(recording.operators, f"{recording.description.source}, {where!r}")
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rpil.data.archive import Npz, open_npz, write_npz
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
@@ -18,7 +19,6 @@ from rpil.data.folders import is_hidden
 from rpil.data.guard import guarded
 from rpil.data.json_files import object_in, read_json
 from rpil.data.names import TASK, is_observation, may_be_outcome, natural_key, plain_name
-from rpil.data.npy import Npz, open_npz, write_npz
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.containers import ZIP, is_zarr, keep_groups, open_hdf5, open_zarr
@@ -33,7 +33,6 @@ _NPZ, _HDF5 = (".npz",), (".hdf5", ".h5")
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _FILE_NAME, _GROUP_NAME = "name of the file", "name of the group"
 _STATES = "There are no observations: the simulator's states are used; dataset_states_to_obs.py writes some."
-_OF_NUMBERS = ROLES["names"]
 
 _ATTRIBUTES = {
     "task": ("ep_meta/lang", "env_args/env_name", "env_info/env_name", "env_args/env_kwargs/env_name", "env"),
@@ -69,9 +68,9 @@ def _open(path: Path, options: ColumnOptions = ColumnOptions(), where: str = "")
 def _array(stored: Npz, name: str) -> StoredArray:
     """An array of NPZ, which is read as a whole; it has no rows where it is of another version, or no array."""
     try:
-        return read_once(*stored.declared(name), partial(stored.read_one, name))
+        return read_once(*stored.declared(name), lambda: stored.read([name])[name])
     except ValueError:
-        return Closed((), np.dtype(object), partial(stored.read_one, name))
+        return Closed((), np.dtype(object), lambda _: stored.read([name])[name])
 
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
@@ -184,7 +183,7 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]
         "observations": demonstrations.observations,
         "actions": demonstrations.actions,
         "episode_ids": np.repeat(np.array(demonstrations.ids), demonstrations.lengths),
-        **dict.fromkeys(_OF_NUMBERS, np.array(demonstrations.observation_names)),
+        "observation_names": np.array(demonstrations.observation_names),
     }
     with replacing(path) as temporary:
         write_npz(temporary, {**truth, **arrays})
@@ -210,7 +209,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
     masks = masks if cut.by_marks else {len(there): whole, **masks}
     own = {name: masks.get(len(array) if array.shape else -1) for name, array in arrays.items()}
     kept_arrays = {
-        name: arrays[name][mask] for name, mask in own.items() if mask is not None and name not in _OF_NUMBERS
+        name: arrays[name][mask] for name, mask in own.items() if mask is not None and name not in ROLES["names"]
     }
     if cut.by_marks and not (these.names["starts"] or these.names["cuts"]):
         is_last = np.append(cut.ids[1:] != cut.ids[:-1], True)

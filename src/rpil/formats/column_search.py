@@ -175,9 +175,6 @@ class _Search:
             numbers = [name for name, plain in parts if plain[-1].isdigit() or self.kinds[name] in (*_NUMBERS, "text")]
             if found := [name for name in numbers if not spellings.ABOUT_ACTION.fullmatch(self.plain[name])]:
                 return found, len(found) == 1 and self.kinds[found[0]] == "text"
-        for name in (name for name, plain in free if spellings.ACTION_COLUMNS[0][0].fullmatch(plain)):
-            said = "holds texts in lists, or nested values; write each part of the action as a column"
-            raise DataError(f"{self.source}: column {name!r} {said}.")
         driven = [(name, plain) for name, plain in free if self.kinds[name] in _NUMBERS]
         if any(spellings.STEERING.fullmatch(plain) for _, plain in driven):  # pedals alone may lack their wheel
             words = spellings.STEERING, spellings.PEDAL
@@ -272,10 +269,9 @@ class _Search:
 
     def no_column(self, what: str, *options: str) -> DataError:
         """The error that no column is what it says; it lists the columns, with the kind of those that are not read."""
-        unread = ("nested", "text", "empty")
         owners = {owner: self.kinds[name] for name, owner in self.owners.items()}
         shown = [(quoted([name]), kind) for name, kind in [*owners.items()][:12]]
-        listed = ", ".join(f"{name} ({kind})" if kind in unread else name for name, kind in shown)
+        listed = ", ".join(f"{name} ({kind})" if kind in ("nested", "text", "empty") else name for name, kind in shown)
         more = ", ..." if len(owners) > 12 else ""
         pauses = ", or end demonstrations at pauses with <option>" if len(options) > 1 else ""
         said = f"no column {what} with <option> (found {listed}{more}){pauses}"

@@ -15,6 +15,7 @@ import re
 import warnings
 import zipfile
 from collections.abc import Container, Mapping, Sequence
+from contextlib import suppress
 from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,18 +26,22 @@ from rpil.data.arrays import Id
 from rpil.data.errors import DataError, optional
 from rpil.data.files import cannot_be_written, check_readable, replacing
 from rpil.data.guard import guarded
-from rpil.data.memory import check_free
+from rpil.data.memory import MIB, check_free
 from rpil.data.names import natural_key
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import kept_of
 from rpil.formats.step_arrays import Closed
+from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
     import h5py
     import zarr
 
 _WRITE_FAILED = re.compile(r"write failed.*errno = (\d+)", re.DOTALL)  # in the messages of HDF5
+
+_SMALL, _ROOM = 65_536, 64 * MIB
+"""Bytes of an array that is read when its shape is asked for, and of all of them in a file."""
 
 ZIP = ".zip"
 """The extension of stores of Zarr in a ZIP file; a file of another name is never taken for one."""
@@ -66,19 +71,23 @@ def open_hdf5(path: Path, options: ColumnOptions = ColumnOptions()) -> tuple[h5p
         is_hard = {m.decode("utf-8", "surrogateescape"): kind == h5py.h5l.TYPE_HARD for m, kind in kinds.items()}
         groups = {place.rpartition("/")[0] for place in is_hard}
         leaves = [place for place in sorted(is_hard, key=natural_key) if place not in groups]
-        found = {place: _FileArray(file, place) for place in leaves if is_hard[place]}
+        room = [_ROOM]
+        found = {place: _FileArray(file, place, room) for place in leaves if is_hard[place]}
         links = [place for place in leaves if place not in found]
         return file, Arrays(found, path.name, "HDF5", options, lambda group: file[group or "/"].attrs, links)
 
 
 class _FileArray:
-    """An array that is read only if all its values are in the file, and fit in memory; of others nothing is known."""
+    """An array that is read only if all its values are in the file, and fit in memory; of others nothing is known.
 
-    def __init__(self, file: h5py.File, path: str) -> None:
-        self._file, self._path = file, path
+    It is open while it is read: HDF5 takes twice the time where thousands are open at once. So a small array is read
+    when its shape is asked for, while there is `room` for it.
+    """
 
-    @cached_property
-    def _stored(self) -> h5py.h5d.DatasetID | None:
+    def __init__(self, file: h5py.File, path: str, room: list[int]) -> None:
+        self._file, self._path, self._room = file, path, room
+
+    def _opened(self) -> h5py.h5d.DatasetID | None:
         import h5py
 
         where = self._file.id, self._path.encode("utf-8", "surrogateescape")
@@ -91,35 +100,44 @@ class _FileArray:
         return None if is_away else one
 
     @cached_property
+    def _seen(self) -> tuple[tuple[int, ...], np.dtype[Any], Array | None]:
+        """Shape and type, as the file says; and the values of a small array."""
+        import h5py
+
+        if (stored := self._opened()) is None:
+            return (), np.dtype(object), None
+        shape, dtype = tuple(stored.shape or ()), stored.dtype
+        n_bytes, values = math.prod(shape) * dtype.itemsize, None
+        if 0 < n_bytes <= min(_SMALL, self._room[0]) and stored.get_offset() is not None and not dtype.hasobject:
+            with suppress(OSError):  # which is said where it is read
+                stored.read(h5py.h5s.ALL, h5py.h5s.ALL, found := np.empty(shape, dtype))
+                values, self._room[0] = found, self._room[0] - n_bytes
+        return shape, dtype, values
+
+    @property
     def shape(self) -> tuple[int, ...]:
         """As the file says."""
-        return () if self._stored is None else tuple(self._stored.shape or ())
+        return self._seen[0]
 
-    @cached_property
+    @property
     def dtype(self) -> np.dtype[Any]:
         """As the file says."""
-        return np.dtype(object) if self._stored is None else self._stored.dtype
+        return self._seen[1]
 
-    def __getitem__(self, rows: object) -> object:
+    def __getitem__(self, rows: slice) -> object:
         import h5py
 
+        if (values := self._seen[2]) is not None:
+            return values[rows]
         n_rows = len(range(*rows.indices(*self.shape[:1]))) if isinstance(rows, slice) else 0
         check_free(n_rows * math.prod(self.shape[1:]) * self.dtype.itemsize)
-        whole = self._whole
-        if whole is None or not n_rows or n_rows < self.shape[0] or self.dtype.hasobject:
-            return h5py.Dataset(whole)[rows]
-        values = np.empty(self.shape, self.dtype)
-        whole.read(h5py.h5s.ALL, h5py.h5s.ALL, values)  # half the time, where there are thousands of small arrays
-        return values
+        if (stored := self._opened()) is not None and stored.get_offset() is None:  # values do not lie together
+            self._check_chunks(h5py.Dataset(stored))
+        return h5py.Dataset(stored)[rows]
 
-    @cached_property
-    def _whole(self) -> h5py.h5d.DatasetID | None:
-        """The array; an error where chunks are missing, or their bytes in the file are more than their values take."""
-        import h5py
-
-        if self._stored is None or self._stored.get_offset() is not None:  # all values lie together
-            return self._stored
-        where, stored = f"{os.path.basename(self._file.filename)}: {self._path}", h5py.Dataset(self._stored)
+    def _check_chunks(self, stored: h5py.Dataset) -> None:
+        """An error where chunks are missing, or their bytes in the file are more than their values take."""
+        where = f"{os.path.basename(self._file.filename)}: {self._path}"
         grid = [-(-size // step) for size, step in zip(self.shape, stored.chunks or self.shape, strict=True) if step]
         n_chunks, n_bytes = math.prod(grid) if stored.size else 0, stored.id.get_storage_size()
         n_there = stored.id.get_num_chunks() if stored.chunks and n_chunks else int(n_bytes > 0)
@@ -130,7 +148,6 @@ class _FileArray:
         check_free(chunk_bytes)
         if stored.chunks and n_bytes > n_there * (2 * chunk_bytes + 4096):
             raise DataError(f"{where}: its chunks hold more than they declare; copy or write it again.")
-        return self._stored
 
 
 def keep_groups(path: Path, output: Path, ids: Sequence[Id]) -> None:

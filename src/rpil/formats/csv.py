@@ -1,41 +1,134 @@
-"""CSV: the flat table as text; numbers come back exactly, as float64 and int64."""
+"""CSV: the flat table as text, UTF-8; numbers come back exactly, as float64 and int64."""
 
 from __future__ import annotations
 
-import gzip
+import codecs
+import csv
 import itertools
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import replace
+import re
+from collections.abc import Iterator, Mapping, Sequence, Set
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, Any, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
 
 from rpil.data.cells import each_text, from_cell, to_cell
-from rpil.data.errors import DataError
+from rpil.data.errors import DamagedError, DataError
 from rpil.data.files import replacing
 from rpil.data.guard import guarded
-from rpil.data.memory import MIB
+from rpil.data.memory import MIB, check_memory
 from rpil.data.text import counted
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
-from rpil.formats.dialect import TEXT_SUFFIXES, TextTable, find_dialect, text_bytes, text_rows, without_suffix
 from rpil.formats.format import Format, StepTables, called, keep_one_file
-from rpil.formats.named_files import in_text
 from rpil.formats.places import in_two_files
-from rpil.formats.scan import parts_in_words, without_damaged
-from rpil.formats.steps import ArrowFile, Steps
+from rpil.formats.scan import without_damaged
+from rpil.formats.steps import ArrowFile
 from rpil.formats.table import other_columns
 
+TEXT_SUFFIXES = (".csv", ".tsv", ".txt")
 FILE = "file"  # the column of the file's name, where nothing else names the demonstration
-_FAULT = "not a CSV file, or a damaged or truncated one", "write it again"
-_BLOCK_BYTES = MIB
-_MAX_BLOCK_BYTES = (1 << 31) - 1
-_BLOCKS_ON_DISK = 32  # together, by which the types of columns are told where the table is never in memory
+MEMORY_PER_BYTE = 4  # of a file whose numbers have four characters
+_SUFFIX = re.compile(r"\.(?:csv|tsv|txt)$", re.IGNORECASE)
+_SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
+_HEAD_LINES = 200
+_CHUNK = 16 * MIB
+_COMMENT = re.compile(r"\s*#|sep=.$", re.IGNORECASE)  # Excel writes the separator into a line of its own
+_QUOTED = re.compile(r'"(?:[^"]|"")*"')
+_WRITTEN_NUMBER = re.compile(r"\s*[+-]?(?:\d+|\d*([.,])\d+|\d+[.,])(?:[eE][+-]?\d+)?\s*")
+"""A number, and the decimal sign that digits follow."""
+
+_FAULT = "not a CSV file in UTF-8, or a damaged or truncated one", "write it again, as UTF-8"
+_HEAD_BYTES, _BLOCK_BYTES = MIB, 32 * MIB  # by which kinds of columns are told, and which are parsed at a time
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """A text table and how to read it."""
+
+    path: Path
+    names: tuple[str, ...]  # of the columns, without spaces around them
+    skip_rows: int  # lines up to the first row of values
+    separator: str
+    decimal: str
+    on_disk: bool  # whether its rows are copied to disk
+
+    @property
+    def words(self) -> str:
+        """Words for what is unusual about it."""
+        found = [f"separated by {_SEPARATORS[self.separator]}"] if self.separator != "," else []
+        return ", ".join(["CSV", *found, *(["decimal commas"] if self.decimal == "," else [])])
+
+    def check(self) -> None:
+        """A `DataError` that names the first damaged line, where there is one."""
+        damaged = [f"line {number:,}: {fault}" for number, _, _, fault in text_rows(self) if fault]
+        if damaged:
+            more = f", the first of {len(damaged):,} damaged lines" if len(damaged) > 1 else ""
+            raise DamagedError(f"{self.path.name}, {damaged[0]}{more}; correct it, or write the file again.")
+
+    def n_lines(self) -> int:
+        """All lines of the file."""
+        n_lines, last = 0, b"\n"
+        with self.path.open("rb") as file:
+            while chunk := file.read(_CHUNK):
+                n_lines, last = n_lines + chunk.count(b"\n"), chunk[-1:]
+        return n_lines + (last != b"\n")
+
+
+TextRow = tuple[int, str, list[str], str]
+"""A line of a text table: its number, from 1; the line with its end; its values, of which a comment, an empty line and
+the header have none; and what is wrong with it."""
+
+
+def text_rows(file: TextTable) -> Iterator[TextRow]:
+    """All lines of a text table: each is one row, so that a quotation ends in its line."""
+    with guarded(file.path.name, *_FAULT), file.path.open(encoding="utf-8", newline="") as source:
+        for number, line in enumerate(source, 1):
+            if number <= file.skip_rows or not line.strip():
+                yield number, line, [], ""
+                continue
+            values, fault = list[str](), ""
+            try:
+                values = next(csv.reader([line], delimiter=file.separator, strict=True))
+            except csv.Error:
+                fault = f"a quotation begins and does not end in {line.strip()[-40:]!r}; a line is a row"
+            if not fault and len(values) != len(file.names) and line.lstrip().startswith("#"):
+                values = []
+            elif not fault and len(values) != len(file.names):
+                fault = f"{len(values)} values for {len(file.names)} columns in {line.strip()[:40]!r}"
+            elif not fault and tuple(map(str.strip, values)) == file.names:
+                fault = "it repeats the names of the columns, as where files were joined"
+            yield number, line, values, fault
+
+
+def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
+    """The dialect of a file; a `DataError` where it is no text, has no names of columns, or would not fit in memory."""
+    check_memory(0 if options.on_disk else MEMORY_PER_BYTE * path.stat().st_size, path.name, options.memory)
+    with guarded(path.name, *_FAULT), path.open("rb") as stream:
+        lines = codecs.getincrementaldecoder("utf-8-sig")().decode(stream.read(_CHUNK)).splitlines()[:_HEAD_LINES]
+    if "\0" in "".join(lines[:1]) or not any(line.strip() for line in lines):
+        raise DamagedError(f"{path.name}: {_FAULT[0]}; {_FAULT[1]}.")
+    start = next((k for k, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)), len(lines) - 1)
+    header = _QUOTED.sub("", lines[start])
+    if header.count('"') % 2:
+        said = f"a quotation begins and does not end in {lines[start].strip()[-40:]!r}, its names of columns"
+        raise DamagedError(f"{path.name}, line {start + 1}: {said}; correct it.")
+    separator = max(_SEPARATORS, key=header.count)
+    reader = csv.reader(lines[start : start + 1], delimiter=separator, skipinitialspace=True)
+    names = [name.strip() for name in next(reader)]
+    if len(names) > 1 and 2 * sum(bool(_WRITTEN_NUMBER.fullmatch(name)) for name in names) > len(names):
+        said = f"the first row holds numbers, not names; put the names of its {len(names)} columns above it"
+        raise DataError(f"{path.name}: {said}, or give a frame in Python, as pandas.read_csv(FILE, names=[...]).")
+    names = [name or (f"Unnamed: {k}" if k else "") for k, name in enumerate(names)]
+    cells = (cell.strip('"') for line in lines[start + 1 :] if separator != "," for cell in line.split(separator))
+    signs = {found[1] for cell in cells if (found := _WRITTEN_NUMBER.fullmatch(cell))}
+    decimal = "," if "," in signs and "." not in signs else "."
+    return TextTable(path, tuple(names), start + 1, separator, decimal, options.on_disk)
 
 
 def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, default_id: str | None = None) -> StepTables:
@@ -44,7 +137,6 @@ def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, defau
     folder = os.path.commonpath([path.absolute().parent for path in paths])
     named = {path.absolute().relative_to(folder).as_posix(): path for path in paths}
     files, damaged = without_damaged(named, lambda name: find_dialect(named[name], options), options.skip_bad)
-    skipped = (parts_in_words(file.skipped, "line", [name]) for name, file in files.items() if file.skipped)
     (first_name, first), *_ = files.items()
     for name, file in files.items():
         if set(file.names) != set(first.names):
@@ -56,16 +148,13 @@ def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, defau
         if other != name:
             raise in_two_files(without_suffix(name), other, name, source)
     words = first.words if default_id is None else f"{first.words}, {counted(len(files), 'file')}"
-    is_western = any(file.encoding != "utf-8" for file in files.values())
-    notes = ("Text is not UTF-8: read as cp1252.",) if is_western else ()
-    found = _rows_of(files, columns)
-    tables = found[first_name] if options.on_disk else found.values()
-    if options.on_disk and len(found) > 1:  # with types that fit all of them
-        schema = pa.unify_schemas([rows.schema for rows in found.values()], promote_options="permissive")
-        steps = (one for name, rows in found.items() for _, one, _ in Steps(rows, name).tables(schema.names))
-        tables = (table.cast(schema) for table in steps)
-    sizes = {name: len(rows) for name, rows in found.items()}
-    return StepTables(tables, columns, source, words, sizes, notes=notes, skipped=(*damaged, *skipped))
+    tables, sizes = _rows_of(files, columns, source)
+    return StepTables(tables, columns, source, words, sizes, skipped=tuple(damaged))
+
+
+def without_suffix(name: str) -> str:
+    """The name of a file without ``.csv`` and the like."""
+    return _SUFFIX.sub("", name)
 
 
 def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
@@ -88,16 +177,16 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
         raise DataError(f"{file.path.name}: {said}.")
     check_names(file.names, file.path.name)
 
-    def head(text: pa.NativeFile, *options: object) -> pa.Table:
-        with pa.csv.open_csv(text, *options) as reader:
-            return pa.Table.from_batches(itertools.islice(reader, 1), reader.schema)
-
-    with guarded(file.path.name, *_FAULT):
-        first = _parsed(file, head)
+    with _parsing(file), file.path.open("rb") as text:
+        content = text.read(_CHUNK)
+        content = content[: content.find(b"\n", _HEAD_BYTES) + 1] or content  # whole lines
+        options_of_head = _options(file, len(content) + 1)
+        with pa.csv.open_csv(pa.BufferReader(content), *options_of_head) as reader:
+            first = pa.Table.from_batches(itertools.islice(reader, 1), reader.schema)
         kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS))
-        if not len(first) and default_id is None:
-            said = "it has no rows; write one for each step below the names of its columns"
-            raise DataError(f"{file.path.name}: {said}.")
+    if not len(first) and default_id is None:
+        said = "it has no rows; write one for each step below the names of its columns"
+        raise DataError(f"{file.path.name}: {said}.")
     return find_columns(file.names, kinds, file.path.name, options, default_id)
 
 
@@ -105,9 +194,38 @@ class _OtherTypeError(DataError):
     """A value is not of the type of its column."""
 
 
-def _rows_of(files: Mapping[str, TextTable], columns: Columns) -> dict[str, Any]:
-    """The rows of the files, in the first types that fit all values: observations are floats, or what they seem; a
-    single action is a whole number, a float or text."""
+@contextmanager
+def _parsing(file: TextTable) -> Iterator[None]:
+    """Name the first damaged line in errors of parsing."""
+    with guarded(file.path.name, *_FAULT):
+        try:
+            yield
+        except pa.ArrowInvalid as error:
+            if "CSV conversion error" in str(error) and "UTF8" not in str(error):
+                said = "a column holds values of another type further on; write them alike, or allow more with <option>"
+                raise _OtherTypeError(f"{file.path.name}: {said}.", "memory") from error
+            file.check()
+            raise
+
+
+def _options(file: TextTable, block_size: int, **conversion: object) -> tuple[object, ...]:
+    """The options for reading, parsing and converting the bytes of a file."""
+
+    def on_invalid(row: pa.csv.InvalidRow) -> str:
+        return "skip" if row.text.lstrip().startswith("#") else "error"
+
+    return (
+        pa.csv.ReadOptions(column_names=file.names, skip_rows=file.skip_rows, block_size=block_size),
+        pa.csv.ParseOptions(delimiter=file.separator, invalid_row_handler=on_invalid),
+        pa.csv.ConvertOptions(decimal_point=file.decimal, **conversion),
+    )
+
+
+def _rows_of(
+    files: Mapping[str, TextTable], columns: Columns, source: str
+) -> tuple[list[pa.Table] | ArrowFile, dict[str, int]]:
+    """The rows of the files, in the first types that fit all values, and how many each has: observations are floats, or
+    what they seem; a single action is a whole number, a float or text."""
     named = columns.episode, columns.operator, columns.task, columns.session
     texts = dict.fromkeys((name for name in named if name), pa.string())  # else 01 and 1 would be one id
     floats = dict.fromkeys((*columns.observations, *columns.actions), pa.float64())
@@ -115,8 +233,10 @@ def _rows_of(files: Mapping[str, TextTable], columns: Columns) -> dict[str, Any]
     own = [dict.fromkeys(columns.actions, kind) if kind else {} for kind in kinds]
     fault = None
     for types in ({**others, **action, **texts} for others in (floats, {}) for action in own):
+        sizes = dict.fromkeys(files, 0)
+        tables = _tables(files, columns, types, sizes)
         try:
-            return {name: _read_table(name, file, columns, types) for name, file in files.items()}
+            return (ArrowFile.of(tables, source) if columns.options.on_disk else [*tables]), sizes
         except _OtherTypeError as error:
             fault = error
     for file in files.values():
@@ -125,74 +245,50 @@ def _rows_of(files: Mapping[str, TextTable], columns: Columns) -> dict[str, Any]
     raise fault
 
 
-def _read_table(name: str, file: TextTable, columns: Columns, types: Mapping[str, pa.DataType]) -> Any:
-    """The columns to read; a copy of them on disk."""
-
-    def whole(table: pa.Table) -> pa.Table:
-        if columns.episode == FILE:
-            table = table.append_column(FILE, [[without_suffix(name)] * len(table)])
-        for k, field in enumerate(table.schema):  # spaces around texts go, and "" is null, but for observations
-            if flat.kind_of_type(field.type) == "text" and field.name not in columns.observations:
-                texts = each_text(lambda text: from_cell(text.strip()) or None, table[k].cast(pa.string()))
-                table = table.set_column(k, field.name, texts)
-        ids = table[columns.episode] if columns.episode in table.column_names else ()
-        if len(ids) and pc.any(pc.equal(ids, columns.episode)).as_py():
-            file.check()  # as it may be a second head
-        return table
-
-    def rows(text: pa.NativeFile, *options: object) -> Any:
-        if not file.on_disk:
-            return whole(pa.csv.read_csv(text, *options))
-        with pa.csv.open_csv(text, *options) as reader:
-            return ArrowFile.of((whole(pa.Table.from_batches([batch])) for batch in reader), file.path.name)
-
-    names = [one for one in columns.all if one in file.names]
-    with guarded(file.path.name, *_FAULT):
-        found = _parsed(file, rows, include_columns=names, strings_can_be_null=False, column_types=types)
-        if file.n_lines not in (0, file.skip_rows + len(found)):  # in which no row can be lost
-            file.check()
-        return found
-
-
-def _parsed(file: TextTable, take: Callable[..., Any], **conversion: object) -> Any:
-    """The result of `take` for the bytes and the options for reading, parsing and converting them.
-
-    They are read again in larger blocks where a field does not fit in.
-    """
-
-    def on_invalid(row: pa.csv.InvalidRow) -> str:
-        return "skip" if row.text.lstrip().startswith("#") else "error"
-
-    parsing = pa.csv.ParseOptions(delimiter=file.separator, invalid_row_handler=on_invalid)
-    reading = pa.csv.ReadOptions(column_names=file.names, skip_rows=file.skip_rows)
-    reading.encoding = "utf8" if file.encoding == "utf-8" or file.skipped else file.encoding
-    reading.block_size = (_BLOCKS_ON_DISK if file.on_disk else 1) * _BLOCK_BYTES
-    while True:
-        converting = pa.csv.ConvertOptions(decimal_point=file.decimal, **conversion)
-        try:
-            with file.without_skipped() if file.skipped else text_bytes(file.path) as text:
-                return take(text, reading, parsing, converting)
-        except pa.ArrowInvalid as error:
-            if "CSV conversion error" in str(error):
-                said = "a column holds values of another type further on; write them alike, or allow more with <option>"
-                raise _OtherTypeError(f"{file.path.name}: {said}.", "memory") from error
-            if "block" in str(error) and reading.block_size < _MAX_BLOCK_BYTES:
-                reading.block_size = min(reading.block_size * 32, _MAX_BLOCK_BYTES)
+def _tables(
+    files: Mapping[str, TextTable], columns: Columns, types: Mapping[str, pa.DataType], sizes: dict[str, int]
+) -> Iterator[pa.Table]:
+    """The columns to read, of these types, and how many rows each file has."""
+    for name, file in files.items():
+        names = [one for one in columns.all if one in file.names]
+        options = _options(file, _BLOCK_BYTES, include_columns=names, strings_can_be_null=False, column_types=types)
+        with _parsing(file), file.path.open("rb") as text:
+            if file.on_disk:
+                batches = pa.csv.open_csv(text, *options)
+                found = (pa.Table.from_batches([batch]) for batch in batches)
             else:
+                found = (table for table in [pa.csv.read_csv(text, *options)])
+            for table in found:
+                sizes[name] += len(table)
+                yield _whole(table, name, file, columns)
+            # Where the numbers of lines and rows differ, a quotation may have joined lines.
+            if file.n_lines() != file.skip_rows + sizes[name]:
                 file.check()
-                raise
+
+
+def _whole(table: pa.Table, name: str, file: TextTable, columns: Columns) -> pa.Table:
+    """The rows of a file called `name` with its name, if it is the id; spaces around texts go, and "" is null, but for
+    observations."""
+    if columns.episode == FILE:
+        table = table.append_column(FILE, [[without_suffix(name)] * len(table)])
+    for k, field in enumerate(table.schema):
+        if flat.kind_of_type(field.type) == "text" and field.name not in columns.observations:
+            texts = each_text(lambda text: from_cell(text.strip()) or None, table[k].cast(pa.string()))
+            table = table.set_column(k, field.name, texts)
+    ids = table[columns.episode] if columns.episode in table.column_names else ()
+    if len(ids) and pc.any(pc.equal(ids, columns.episode)).as_py():
+        file.check()  # as it may be a second head
+    return table
 
 
 def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
     """Write the lines of the demonstrations `ids` of a text table, and its comments; return the ids found."""
     file = find_dialect(path, options)
     column, found = file.names.index(find_text_columns(file, options, None).episode), set[str]()
-    opener = gzip.open if path.suffix.lower() == ".gz" else open
-    with cast(IO[str], opener(output, "wt", encoding=file.encoding, newline="")) as target:
+    with output.open("w", encoding="utf-8", newline="") as target:
         for _, line, values, fault in text_rows(file):
             if fault:
                 file.check()
-                continue
             demonstration = from_cell(values[column].strip()) if values else ""
             found.add(demonstration)
             if not values or demonstration in ids:
@@ -207,5 +303,4 @@ FORMAT = Format(
     keep=keep_one_file(keep_text),
     suffixes=TEXT_SUFFIXES,
     write=lambda path, *data: write_tables(path, iter([flat.from_demonstrations(*data)])),
-    find_defects=lambda path, _: [] if path.name.lower().endswith(".gz") else [*in_text(path)],
 )

@@ -129,7 +129,6 @@ class Format:
     keep: Keep | None = None  # ids are as `read` gives them, or text; nothing is at the output where it fails
     # What `keep` writes no new file of, in words; empty where it writes one.
     unkept: Callable[[Path, ColumnOptions], str] = lambda *_: ""
-    has_own_ids: bool = False  # whether demonstrations are kept by ids of their own, and not by those of a column
     suffixes: tuple[str, ...] = ()  # extensions of its files; those that `write` writes have the first
     # Writes demonstrations to a path, and true values (M,) for each by name, which `read` ignores.
     write: Callable[[Path, Demonstrations, Mapping[str, Array]], None] | None = None

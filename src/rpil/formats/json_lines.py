@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Set
-from contextlib import suppress
-from dataclasses import replace
-from pathlib import Path
+import os
+from collections.abc import Iterator, Set
+from pathlib import Path, PurePosixPath
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.json
 
+from rpil.data.errors import DataError
 from rpil.data.guard import guarded
 from rpil.data.memory import check_memory
 from rpil.data.names import natural_key
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.csv import FILE
-from rpil.formats.dialect import MEMORY_PER_BYTE
+from rpil.formats.csv import FILE, MEMORY_PER_BYTE
 from rpil.formats.format import Defect, Format, StepTables, from_arrow, keep_one_file, plain_columns
-from rpil.formats.named_files import in_table
-from rpil.formats.scan import damaged_lines, parts_in_words
+from rpil.formats.scan import parts_in_words
 from rpil.formats.table_folder import has_tables
 
 JSON_SUFFIXES = (".jsonl", ".ndjson", ".catalog")
 _LARGEST_BLOCK = (1 << 31) - 1
 _NO_LINES = "no lines of JSON, or damaged or truncated ones", "write an object of the same kind on each line"
-_LINE = "\0line"  # the column of the number of a line, as no other is called
 
 
 def claims(path: Path) -> bool:
@@ -44,16 +39,14 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     """
     files = {file.relative_to(path).as_posix() if path.is_dir() else file.name: file for file in _files(path)}
     check_memory(MEMORY_PER_BYTE * sum(file.stat().st_size for file in files.values()), path.name, options.memory)
-    found = {name: _parsed(file, options) for name, file in files.items()}
-    tables = {name: table.drop_columns([_LINE]) for name, (table, _) in found.items()}
-    skipped = tuple(parts_in_words(damaged, "line", [name]) for name, (_, damaged) in found.items() if damaged)
+    tables = {name: _parsed(file) for name, file in files.items()}
     default = None
     if path.is_dir():
         default, names = FILE, {m: Path(m).with_suffix("").as_posix() for m in tables}
         tables = {m: one.append_column(FILE, pa.repeat(names[m], len(one))) for m, one in tables.items()}
     table = flat.end_to_end([*tables.values()], path.name)
     name = "JSON lines" if len(files) == 1 else f"JSON lines, {len(files):,} files"
-    return replace(from_arrow([table], options, path.name, name, default), skipped=skipped)
+    return from_arrow([table], options, path.name, name, default)
 
 
 def _files(path: Path) -> list[Path]:
@@ -66,56 +59,56 @@ def _files(path: Path) -> list[Path]:
     return [file for file in ordered if file.is_file() and file.stat().st_size]
 
 
-def _parsed(file: Path, options: ColumnOptions) -> tuple[pa.Table, list[int]]:
-    """A row for each object in the lines of a file, with the number of its line, and the lines that are skipped.
-
-    A `DataError` where a line holds no object, or several, and the options do not skip it.
-    """
+def _parsed(file: Path) -> pa.Table:
+    """A row for each object in a file, whose lines may be as long as the file."""
     with guarded(file.name, *_NO_LINES):
-        with file.open("rb") as stream:
-            lines, damaged = {number: line for number, line in enumerate(stream, 1) if line.strip()}, list[int]()
-        with suppress(pa.ArrowInvalid):
-            if all(line[:1] + line.rstrip()[-1:] == b"{}" for line in lines.values()):
-                return _objects(lines), damaged
-        for number, line in lines.items():
-            try:
-                is_object = isinstance(json.loads(line.decode("utf-8-sig")), dict)
-            except (ValueError, RecursionError):
-                is_object = False
-            damaged += [] if is_object else [number]
-        if damaged and not options.skip_bad:
-            raise damaged_lines(file.name, [f"line {number:,}: it holds no object of JSON" for number in damaged])
-        for number in damaged:
-            del lines[number]
-        return _objects(lines), damaged
-
-
-def _objects(lines: Mapping[int, bytes]) -> pa.Table:
-    """The objects in lines, one in each, by their numbers."""
-    content = b"".join(lines.values())
-    size = min(len(content) + 1, _LARGEST_BLOCK)  # a line may be as long as the file
-    reading = pa.json.ReadOptions(use_threads=False, block_size=size)
-    table = plain_columns(pa.json.read_json(pa.BufferReader(content), reading)) if lines else pa.table({})
-    return table.append_column(_LINE, pa.array(lines, pa.int64()))
+        size = min(file.stat().st_size + 1, _LARGEST_BLOCK)
+        return plain_columns(pa.json.read_json(file, pa.json.ReadOptions(use_threads=False, block_size=size)))
 
 
 def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
-    """Copy the lines of the demonstrations `ids`; return the ids found."""
-    table = _parsed(path, options)[0]
-    line_of, table = table[_LINE].to_numpy(), table.drop_columns([_LINE])
+    """Copy the lines of the demonstrations `ids`, byte for byte; return the ids found."""
+    table, lines = _parsed(path), [line for line in path.read_bytes().split(b"\n") if line.strip()]
+    if len(lines) != len(table) or any(line.strip()[:1] + line.strip()[-1:] != b"{}" for line in lines):
+        raise DataError(f"{path.name}: a line holds no object of JSON, or several; write an object on each line.")
     episode = from_arrow([table], options, path.name, "").columns.episode
     names, owners = flat.id_codes(table, episode, lambda _: path.name)
     wanted = {k: str(name) for k, name in enumerate(names) if str(name) in ids}
-    copied = {*line_of[np.isin(owners, [*wanted])].tolist()}
-    with path.open("rb") as source, output.open("wb") as file:
-        file.writelines(line for number, line in enumerate(source, 1) if number in copied)
+    output.write_bytes(b"".join(line + b"\n" for line, owner in zip(lines, owners, strict=True) if owner in wanted))
     return {*wanted.values()}
 
 
 def _find_defects(path: Path, _: bool) -> list[Defect]:
     """The files that the lines name and that are empty, or not there."""
-    tables = [_parsed(file, ColumnOptions(skip_bad="damage"))[0].drop_columns([_LINE]) for file in _files(path)]
+    tables = [_parsed(file) for file in _files(path)]
     return [*in_table(flat.end_to_end(tables, path.name), path if path.is_dir() else path.parent)]
+
+
+_NAMED = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".npy", ".npz", ".mp4", ".avi", ".wav", ".pcd")
+_FOLDERS = ("", "images", "IMG", "img")  # where recorders put them beside their table
+
+
+def in_table(table: pa.Table, folder: Path) -> Iterator[Defect]:
+    """Rows, from 0, that name files that are empty, or not there though others are; no path out of the folder, and no
+    link, is followed."""
+    for name in [one.name for one in table.schema if str(one.type).endswith("string")]:
+        texts = [PurePosixPath(str(text or "").strip().replace("\\", "/")) for text in table[name].to_pylist()]
+        if not texts or not all(text.suffix.lower() in _NAMED for text in texts[:: max(len(texts) // 20, 1)]):
+            continue
+        named = {str(text.parent) for text in texts if not text.is_absolute() and ".." not in text.parts}
+        sizes = dict(entry for place in (*sorted(named)[:20], *_FOLDERS) for entry in _sizes(folder.resolve() / place))
+        rows = [sizes.get(text.name) for text in texts]
+        for size, what in ((0, "empty"), (None, "not there")):
+            if any(rows) and (wrong := [row for row, own in enumerate(rows) if own == size]):
+                where = f"{parts_in_words(wrong, 'row', [])}, {texts[wrong[0]].name} to {texts[wrong[-1]].name}"
+                said = f"{len(wrong):,} of the {len(texts):,} files that it names are {what}: {where}"
+                yield Defect("named files", name, f"{said}; leave these steps out")
+
+
+def _sizes(place: Path) -> Iterator[tuple[str, int]]:
+    if place.is_dir() and place.resolve() == place:
+        with os.scandir(place) as entries:
+            yield from ((e.name, e.stat(follow_symlinks=False).st_size) for e in entries if e.is_file())
 
 
 FORMAT = Format(

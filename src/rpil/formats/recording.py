@@ -183,21 +183,10 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
 
     A `DataError` where a demonstration that is to be chosen is unknown, or none is left.
     """
-    source, notes = found.source, []
-    if options.split_gap:
-        notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
-    if options.segment:
-        notes.append(f"Each stretch of {options.segment:g} s is a demonstration.")
-    if notes:
-        found = _of(replace(found, notes=(*notes, *found.notes)), ())
-    if isinstance(found.tables, ArrowFile):
-        table: pa.Table | ArrowFile = found.tables
-    else:
-        table = (
-            ArrowFile.of(found.tables, source, sum(found.sizes.values()))
-            if options.on_disk
-            else end_to_end([*found.tables], source)
-        )
+    source, table = found.source, found.tables
+    if not isinstance(table, ArrowFile):
+        n_rows = sum(found.sizes.values())
+        table = ArrowFile.of(table, source, n_rows) if options.on_disk else end_to_end([*table], source)
     steps, columns = find_places(Steps(table, source, found.sizes), replace(found.columns, options=options))
     layout = Layout.of(steps.table.schema, columns)
     ids, asked = steps.ids, _asked(steps.ids, options, source)
@@ -210,13 +199,16 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
         aside, left_out, steps = [steps.ids[m] for m in sorted(seen.faulty)], seen.left_out, steps.only(is_sound)
         left = tuple(name for name in layout.observations if name not in left_out)
         seen = scan(steps, replace(layout, observations=left), columns)
-    columns = columns.without_observations(left_out | seen.left_out)
-    found = replace(found if len(steps.ids) == len(ids) else _of(found, steps.ids), tables=())
-    n_asked = f"{asked.sum():,} of {len(ids):,} demonstrations are read, as asked."
-    left_out_notes = (*([] if asked.all() else [n_asked]), *left_out_lines((), aside))
+    columns, found = columns.without_observations(left_out | seen.left_out), replace(found, tables=())
+    if len(steps.ids) < len(ids) or options.split_gap or options.segment:
+        declared = found.metadata.lengths
+        lengths = {m: declared[m] for m in steps.ids if m in declared}
+        found = replace(found, metadata=replace(found.metadata, lengths=lengths))
     clock = find_clock(steps.read(clock_columns(columns)), columns, steps.offsets)
     description = _describe(steps, columns, seen, found, clock)
-    description = replace(description, notes=(*description.notes, *left_out_notes))
+    n_asked = f"{asked.sum():,} of {len(ids):,} demonstrations are read, as asked."
+    notes = (*description.notes, *([] if asked.all() else [n_asked]), *left_out_lines((), aside))
+    description = replace(description, notes=notes)
     return Recording(description, steps, columns, seen, found, clock, ids, options, set_aside=tuple(aside))
 
 
@@ -263,12 +255,6 @@ def from_demonstrations(demonstrations: Demonstrations, format_name: str) -> Ste
     return StepTables([pa.table(table)], columns, d.source, format_name, {d.source: d.n_steps})
 
 
-def _of(found: StepTables, ids: Sequence[Id]) -> StepTables:
-    """The same with declared lengths of the demonstrations `ids` alone."""
-    lengths = {m: found.metadata.lengths[m] for m in ids if m in found.metadata.lengths}
-    return replace(found, metadata=replace(found.metadata, lengths=lengths))
-
-
 def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, clock: Clock | None) -> Description:
     metadata, layout, n_steps = origin.metadata, found.layout, len(steps)
     seconds, recorded = clock.seconds(steps.offsets) if clock else (None, None)
@@ -276,15 +262,7 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
     # Columns of time are read for other things too than the order of the steps.
     others = (name for name in (*columns.orders, *columns.index) if name != columns.order)
     times, videos = dict.fromkeys(others, TIME_OF_STEP), dict.fromkeys(metadata.videos, "video")
-    notes, fps = list[str](), metadata.fps
-    if 1 < len(steps.ids) == n_steps:
-        notes.append(f"Each demonstration has one step: is {columns.episode} the right column of the demonstration?")
-    if fps and recorded and abs(recorded - fps) > 0.01 * fps:
-        notes.append(f"{fps:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}.")
-    ranges, constant, missing = found.summary(steps)
-    if constant:
-        named = (f"observation {name}" if name.isdecimal() else name for name in constant)
-        notes.append(f"Constant in each demonstration: {commas(named)}; exclude what nobody could see.")
+    ranges, constant, missing = found.summary()
     return Description(
         source=origin.source,
         format=origin.format_name,
@@ -307,9 +285,28 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
         missing=missing,
         ranges=ranges,
         notes=(
-            *notes,
+            *_notes(steps, columns, metadata.fps, recorded, constant),
             *origin.notes,
             *(left_out_lines(origin.skipped) if origin.skipped else ()),
             *metadata.notes,
         ),
     )
+
+
+def _notes(
+    steps: Steps, columns: Columns, fps: float | None, recorded: float | None, constant: Sequence[str]
+) -> list[str]:
+    """Sentences on how steps were divided, on times that differ from those declared, and on `constant` columns."""
+    notes, options = list[str](), columns.options
+    if options.split_gap:
+        notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
+    if options.segment:
+        notes.append(f"Each stretch of {options.segment:g} s is a demonstration.")
+    if 1 < len(steps.ids) == len(steps):
+        notes.append(f"Each demonstration has one step: is {columns.episode} the right column of the demonstration?")
+    if fps and recorded and abs(recorded - fps) > 0.01 * fps:
+        notes.append(f"{fps:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}.")
+    if constant and len(steps.ids) < len(steps):
+        named = (f"observation {name}" if name.isdecimal() else name for name in constant)
+        notes.append(f"Constant in each demonstration: {commas(named)}; exclude what nobody could see.")
+    return notes

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import logging
-import re
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from fnmatch import fnmatch
 from functools import partial
-from glob import has_magic
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -18,19 +15,15 @@ from pathlib import Path
 import pyarrow as pa
 
 from rpil.data.arrays import Id
-from rpil.data.errors import DataError, MissingExtraError, optional
+from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
 from rpil.data.folders import check_folder
-from rpil.data.guard import guarded, in_words
+from rpil.data.guard import guarded
 from rpil.data.memory import TooLargeError, check_memory
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, StepTables, called, from_arrow, kept_of, write_list
 from rpil.formats.recording import Recording, from_tables
-
-_HUB_NAME = re.compile(r"(hf://datasets/)?([A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*)")
-_HUB_FILES = ["meta/**", "data/**", "*.parquet", "*.csv", "*.jsonl"]
-"""Patterns of the files that are downloaded of a data set."""
 
 _LISTS = (".json", ".txt")
 """Extensions of lists of ids."""
@@ -75,13 +68,13 @@ is opened for them; what any folder may be comes last."""
 
 
 def find_format(path: StrPath) -> Format | None:
-    """The format that claims a file, a folder or a pattern; None for what is not there or not known.
+    """The format that claims a file or a folder; None for what is not there or not known.
 
     A `DataError`, before anything is opened, where `check_folder` raises one.
     """
     place = Path(path)
     if not place.exists():
-        return table_folder.FORMAT if has_magic(str(path)) else None
+        return None
     check_folder(check_exists(place))
     for one in FORMATS:
         try:
@@ -100,8 +93,6 @@ class ClaimedPath:
 
     path: StrPath
     format: Format
-    name: str = ""
-    """Name of a data set of the Hub, whose path is that of its files in a cache."""
 
     def read(self, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False) -> Recording:
         """The recording; see `rpil.formats.read_recording`."""
@@ -117,11 +108,9 @@ class ClaimedPath:
             place, options = Path(self.path), replace(options, on_disk=on_disk)
             if place.is_file():
                 check_readable(place)
-            tables = self.format.read(place, options) if place.exists() else table_folder.read(self.path, options)
-            recording = from_tables(tables, options)
+            recording = from_tables(self.format.read(place, options), options)
             return replace(
                 recording,
-                description=replace(recording.description, source=self.name or recording.description.source),
                 write_some=lambda ids, new: self.keep(new, ids, options, recording.ids),
                 find_defects=self.format.find_defects and partial(self.format.find_defects, place),
             )
@@ -171,9 +160,6 @@ class ClaimedPath:
         if asked := " ".join(f"{name} {seconds:g}" for name, seconds in times if seconds):
             first = f"first run rpil convert {self.path} {asked} -o ALL.parquet"
             raise DataError(f"{self.path}: keep cannot cut a file at times; {first}, then keep from that table.")
-        if options.id and self.format.has_own_ids:
-            remedy = "leave <option> out, or write a table with rpil convert"
-            raise DataError(f"{self.path}: it is given back by its own ids; {remedy}.", "id")
         new, path = Path(output), check_exists(self.path)
         if path.resolve() in (new.resolve(), *new.resolve().parents):
             raise DataError(f"{new}: it is the data themselves, or in them; give another path.")
@@ -196,17 +182,16 @@ class ClaimedPath:
 
 def find(path: StrPath) -> ClaimedPath:
     """`path` with its format; a `DataError` where there is nothing, or nothing that is known."""
-    place = downloaded(path)
-    if "://" in str(place):
-        scheme, _, _ = str(place).partition("://")  # the rest may hold a password
+    if "://" in str(path):
+        scheme, _, _ = str(path).partition("://")  # the rest may hold a password
         raise DataError(f"{scheme}://...: addresses are not read; download the data, and give their path.")
-    known = find_format(place)
+    known = find_format(path)
     if known is None:
-        there = check_exists(place)
+        there = check_exists(path)
         table_folder.refuse_others(there, [there.name])
         check_extension(there, suffixes())
     assert known is not None, "an extension that is known is claimed"
-    return ClaimedPath(place, known, "" if place == path else str(path))
+    return ClaimedPath(path, known)
 
 
 def writer_of(path: StrPath) -> Format:
@@ -222,27 +207,3 @@ def suffixes() -> list[str]:
         *dict.fromkeys(one.suffixes[0] for one in order if one.suffixes),
         *(s for one in order for s in one.suffixes[1:]),
     ]
-
-
-def downloaded(path: StrPath) -> StrPath:
-    """The folder with the data set `hf://datasets/owner/name` of the Hub, whose size is logged before; else `path`.
-
-    A `DataError` where the Hub does not give it; or, with that address, where `owner/name` is not on this computer: it
-    is not sent to the Hub.
-    """
-    found = _HUB_NAME.fullmatch(str(path))
-    if found is None or (not found[1] and Path(path).parent.exists()):
-        return path
-    address, name = f"hf://datasets/{found[2]}", found[2]
-    if not found[1]:
-        raise DataError(f"{path}: there is no such file or folder; give {address} if it is a data set of the Hub.")
-    hub = optional("huggingface_hub", f"{address}: a data set of the Hub", "hub")
-    with suppress(Exception):  # what is in its cache is read without a network too
-        files = hub.HfApi().dataset_info(name, files_metadata=True).siblings
-        sizes = [one.size or 0 for one in files if any(fnmatch(one.rfilename, pattern) for pattern in _HUB_FILES)]
-        logging.getLogger("rpil").warning("%s: downloads %.1f MB.", address, sum(sizes) / 1e6)
-    try:
-        return Path(hub.snapshot_download(name, repo_type="dataset", allow_patterns=_HUB_FILES))
-    except Exception as error:  # of very many types
-        said = f"the Hub did not give it ({in_words(error)}); check the name and the network, or run hf auth login"
-        raise DataError(f"{address}: {said}.") from error

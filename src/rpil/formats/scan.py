@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -139,19 +139,14 @@ class Scan:
             action = np.dtype(np.float32 if layout.action == np.float32 else np.float64)
             self.layout = replace(layout, action=action, n_parts=1)
 
-    def summary(self, steps: Steps) -> tuple[dict[str, tuple[float, float]], list[str], dict[str, int]]:
+    def summary(self) -> tuple[dict[str, tuple[float, float]], list[str], dict[str, int]]:
         """Smallest and largest of the numbers that are there; the observations that differ between demonstrations, and
         never within one; and how many values are missing by the column; without the columns that are left out."""
-        ranges, constant, missing = dict[str, tuple[float, float]](), set[str](), Counter[str]()
-        stacked = np.stack([self.low, self.high, self.within, self.missing], axis=1).tolist()
-        for column, (low, high, within, n) in zip(self._read, stacked, strict=True):
-            part = self.layout.names[column]
-            if column not in self.left_out:
-                missing[column] += int(n)
-                ranges |= {part: (low, high)} if low == low else {}
-                constant |= {part} if within and low < high and len(steps.ids) < len(steps) else set()
-        observed = [name for name in self.layout.observation_names if name in constant]
-        return ranges, observed, {column: n for column, n in missing.items() if n}
+        left = [(column, k) for k, column in enumerate(self._read) if column not in self.left_out]
+        names, low, high = self.layout.names, self.low.tolist(), self.high.tolist()
+        ranges = {names[column]: (low[k], high[k]) for column, k in left if low[k] == low[k]}
+        constant = [names[m] for m, k in left if m in self.layout.observations and self.within[k] and low[k] < high[k]]
+        return ranges, constant, {column: int(self.missing[k]) for column, k in left if self.missing[k]}
 
 
 def scan(steps: Steps, layout: Layout, columns: Columns) -> Scan:
@@ -231,11 +226,13 @@ class Description:
 
     def short(self) -> list[str]:
         """A few lines for the head of an audit."""
-        observations = f"Observations: {len(self.observations):,}: {commas(self.observations)}."
-        lines = [self._size(), self._actions(), observations, f"Demonstrations by {self.id_column}; {self.order}."]
-        missing = [f"Missing values: {commas(f'{n:,} in {name}' for name, n in self.missing.items())}."]
-        ignored = [f"Ignored: {commas(f'{name} ({reason})' for name, reason in self.ignored.items())}."]
-        return [*lines, *(missing if self.missing else []), *(ignored if self.ignored else []), *self.notes]
+        lines = [self._size(), self._actions()]
+        lines += [f"Observations: {len(self.observations):,}: {commas(self.observations)}."]
+        lines += [f"Demonstrations by {self.id_column}; {self.order}."]
+        missing = [f"{n:,} in {name}" for name, n in self.missing.items()]
+        ignored = [f"{name} ({reason})" for name, reason in self.ignored.items()]
+        parts = ("Missing values", missing), ("Ignored", ignored)
+        return [*lines, *(f"{what}: {commas(own)}." for what, own in parts if own), *self.notes]
 
     def lines(self) -> list[str]:
         """Everything, for ``rpil info``; a column a line."""
@@ -294,12 +291,6 @@ def without_damaged(
     if damaged and not found:
         raise next(iter(damaged.values()))
     return found, [*damaged]
-
-
-def damaged_lines(name: str, damaged: Sequence[str]) -> DataError:
-    """The error on the first of the `damaged` lines of a file, each of which is a place and what is wrong there."""
-    more = f", the first of {len(damaged):,} damaged lines" if len(damaged) > 1 else ""
-    return DataError(f"{name}, {damaged[0]}{more}; write it again, or skip such lines with <option>.", "skip_bad")
 
 
 def parts_in_words(numbers: Iterable[int], what: str, names: Sequence[str]) -> str:

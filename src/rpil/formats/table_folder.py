@@ -1,8 +1,7 @@
-"""Folders, and patterns, of several files with the same columns."""
+"""Folders of several files with the same columns."""
 
 from __future__ import annotations
 
-import glob
 import itertools
 import os
 from collections.abc import Iterable
@@ -11,13 +10,13 @@ from pathlib import Path
 
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_exists
-from rpil.data.folders import check_folder, check_inside, is_hidden
+from rpil.data.folders import check_folder, is_hidden
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_METADATA
 from rpil.data.names import OWN_TABLES
 from rpil.formats import csv, parquet
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.dialect import TEXT_SUFFIXES
+from rpil.formats.csv import TEXT_SUFFIXES
 from rpil.formats.format import Format, StepTables
 from rpil.formats.meta_folder import MetaFolder
 
@@ -26,10 +25,7 @@ _MAY_BE_DATA = (".npz", ".npy", ".hdf5", ".h5", ".jsonl", ".ndjson", ".mat")
 _REFUSED = {
     (".mcap", ".bag", ".db3"): ("recording of ROS or MCAP", "choose one rate, and write a table or a LeRobot folder"),
     (".tfrecord",): ("data set of RLDS or TFDS", "convert it to LeRobot with openx2lerobot of any4lerobot"),
-    (".pkl", ".pickle"): (
-        "pickle",
-        "it can run any code: write a frame with df.to_parquet, trajectories with imitation",
-    ),
+    (".pkl", ".pickle"): ("pickle", "it can run any code: write a frame with df.to_parquet"),
     (".xlsx", ".xls", ".ods"): ("workbook", "export its table as CSV or Parquet"),
 }
 """Parts of the names of files that are not read, what they are, and what to do."""
@@ -46,8 +42,8 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
             raise DataError(f"{path}: it is a data set of Minari; read it in Python, by {call}.")
     parquet_files, texts = find_files(path)
     text_files = [] if parquet_files else [one for one in texts if one.name not in OWN_TABLES]
-    text_files = [one for one in text_files if not one.name.lower().endswith((".txt", ".txt.gz"))] or text_files
-    arrays = [one for one in sorted(Path(path).glob("*")) if one.suffix.lower() in _MAY_BE_DATA]
+    text_files = [one for one in text_files if not one.name.lower().endswith(".txt")] or text_files
+    arrays = (one for one in sorted(Path(path).glob("*")) if one.suffix.lower() in _MAY_BE_DATA)
     others = [one.name for one in (*texts, *arrays) if one not in text_files]
     if not parquet_files and "codebase_version" in (info := MetaFolder(Path(path)).info):
         n = str(info.get("total_episodes", "?"))[:20]
@@ -59,20 +55,20 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
         refuse_others(path, os.listdir(path) if os.path.isdir(path) else ())
         but = f", and {others[0]} is no table of steps" if others else ""
         raise DataError(f"{path}: no .parquet or .csv file is there{but}; check the path.")
-    beside = dict.fromkeys(others, f"not read beside {'Parquet files' if parquet_files else 'text tables'}")
     source = Path(path).name or str(path)
-    if not parquet_files:
-        found = csv.read_files(text_files, options, source, csv.FILE)
-    else:
+    if parquet_files:
         found = parquet.read_files([*map(str, parquet_files)], options, source)
-    return replace(found, ignored=beside)
+    else:
+        found = csv.read_files(text_files, options, source, csv.FILE)
+    kind = "Parquet files" if parquet_files else "text tables"
+    return replace(found, ignored=dict.fromkeys(others, f"not read beside {kind}"))
 
 
 def has_tables(path: StrPath) -> bool:
     """Whether a folder has Parquet files, or text tables but those of rpil: a .txt file may be any text."""
     files, texts = find_files(path)
     tables = (text.name for text in texts if text.name not in OWN_TABLES)
-    return bool(files) or not all(name.lower().endswith((".txt", ".txt.gz")) for name in tables)
+    return bool(files) or not all(name.lower().endswith(".txt") for name in tables)
 
 
 def find_files(path: StrPath) -> tuple[list[Path], list[Path]]:
@@ -82,14 +78,7 @@ def find_files(path: StrPath) -> tuple[list[Path], list[Path]]:
     """
     where = str(path)
     with guarded(where, "it cannot be listed", "check the path"):
-        place = os.path.abspath(where)
-        if not os.path.exists(place) and glob.has_magic(place):
-            found = _tables(glob.glob(place, recursive=True), place)
-            top = next(folder for folder in Path(place).parents if not glob.has_magic(str(folder)))
-            for one in itertools.chain(*found):
-                check_inside(one, top)
-            return found
-        check_exists(where)
+        place = os.path.abspath(check_exists(where))
         check_folder(place)
         for inner in (*Path(place).glob("*/meta/info.json"), *Path(place).glob("*/*/meta/info.json")):
             raise DataError(f"{path}: in it is a folder of LeRobot, which is read alone; give {inner.parents[1]}.")

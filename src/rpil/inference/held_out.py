@@ -33,7 +33,7 @@ from rpil.policies.folds import deal, out_of_fold
 
 if TYPE_CHECKING:
     from rpil.numerics.newton import Preconditioner
-    from rpil.policies.protocol import CrossFittedPolicy
+    from rpil.policies.cross_fitted import CrossFittedPolicy
 
 
 @runtime_checkable

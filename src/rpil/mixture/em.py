@@ -20,15 +20,15 @@ from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.expert_prior import ExpertPrior
 from rpil.mixture.settings import MixtureSettings
 from rpil.numerics.types import Array, Float
-from rpil.policies.protocol import Policy
+from rpil.policies.linear import LinearPolicy
 
 
-@stored()
+@stored
 @dataclass(frozen=True, eq=False)
 class State:
     """The parameters of the mixture: policy pi, adversary psi and prior p."""
 
-    policy: Policy
+    policy: LinearPolicy
     adversary: Adversary
     prior: ExpertPrior
 
@@ -46,7 +46,7 @@ class Posterior:
     log_ratio: Float[Array, " N"]
     """log pi - log psi of the action taken."""
     outputs: Float[Array, "N ..."]
-    """Outputs of the policy (`rpil.policies.protocol.Policy`), so that the M-step need not compute them again."""
+    """Outputs of the policy (`rpil.policies.linear.LinearPolicy`), so that the M-step need not compute them again."""
 
 
 @dataclass(frozen=True, eq=False)

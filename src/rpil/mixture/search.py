@@ -20,14 +20,14 @@ from rpil.mixture.settings import MixtureSettings
 from rpil.numerics.newton import NewtonSettings
 from rpil.numerics.parallel import in_parallel
 from rpil.numerics.types import Array, Float
-from rpil.policies.protocol import Policy
+from rpil.policies.linear import LinearPolicy
 
 
 @dataclass(frozen=True, eq=False)
 class SearchSettings:
     """Settings that stay the same in all runs of EM."""
 
-    policy: Policy
+    policy: LinearPolicy
     """Before it has been fitted."""
     mixture: MixtureSettings
     proposed: Callable[[], Mapping[str, Float[Array, " M"]]]
@@ -110,6 +110,6 @@ def _contradicted_labels(data: FitData, settings: SearchSettings, result: Mixtur
     return int((data.labels * np.sign(log_odds) < 0).sum())
 
 
-def _fit_start(data: FitData, settings: SearchSettings, weight: Array) -> tuple[Policy, Array]:
+def _fit_start(data: FitData, settings: SearchSettings, weight: Array) -> tuple[LinearPolicy, Array]:
     """The policy fitted to demonstrations of `weight` (M,), and its outputs (N, ...)."""
     return settings.policy.fit(data, data.per_step(weight), **vars(NewtonSettings()))

@@ -20,8 +20,8 @@ from rpil.numerics.types import Array, Float
 PRECONDITIONER_MIN_STEPS = 4096
 """Steps in the subsample of a preconditioner, at least; and at least four a feature."""
 
-PRECONDITIONER_NEWTON_STEPS = 8
-"""Newton steps after which the preconditioner is made again."""
+PRECONDITIONER_PRODUCTS = 40
+"""Hessian products after which the preconditioner is made again: about as many as it costs."""
 
 FORCING, LOOSE = 0.25, 1e-4
 """Relative residual of a Newton step, and the tolerance of a fit below which it shrinks with the gradient."""
@@ -56,7 +56,6 @@ class SoftmaxFit(NamedTuple):
     """Log-probabilities of all actions at `weights`."""
     objective: float
     """Penalised negative log-likelihood at `weights`."""
-    converged: bool
     preconditioner: Preconditioner | None
     """The last one made: good enough for a problem nearby."""
 
@@ -81,17 +80,18 @@ def fit_softmax(
     weights -= weights.mean(axis=1, keepdims=True)  # which all actions share, no step changes
     logits = linear(features, weights)
     log_proba = log_softmax(logits)
-    objective = _objective(log_proba, targets, weights, ridge)
+    objective, n_products = _objective(log_proba, targets, weights, ridge), 0
 
     for n_iter in range(settings.max_iter + 1):
         proba = np.exp(log_proba)
         slope = gradient(features, weight[:, None] * proba - targets) + ridge * weights
         norm = float(np.abs(slope).max()) / scale
         if norm <= settings.tol or n_iter == settings.max_iter:
-            return SoftmaxFit(weights, log_proba, objective, norm <= settings.tol, preconditioner)
-        if preconditioner is None or (n_iter and n_iter % PRECONDITIONER_NEWTON_STEPS == 0):
-            preconditioner = Preconditioner(features, proba, weight, penalty)
-        step = _newton_direction(features, proba, weight, ridge, slope, preconditioner, settings)
+            return SoftmaxFit(weights, log_proba, objective, preconditioner)
+        if preconditioner is None or n_products > PRECONDITIONER_PRODUCTS:
+            preconditioner, n_products = Preconditioner(features, proba, weight, penalty), 0
+        step, n = _newton_direction(features, proba, weight, ridge, slope, preconditioner, settings)
+        n_products += n
 
         # Logits move on a line, so that a trial length costs no pass over the features.
         step_logits = linear(features, step)
@@ -105,7 +105,7 @@ def fit_softmax(
                 break
             length *= 0.5
             if length < 1e-10:  # only rounding is left to gain
-                return SoftmaxFit(weights, log_proba, objective, norm <= 100 * settings.tol, preconditioner)
+                return SoftmaxFit(weights, log_proba, objective, preconditioner)
         weights, log_proba, objective = trial, trial_log_proba, trial_objective
         logits = logits + length * step_logits
     raise AssertionError("unreachable")
@@ -123,17 +123,17 @@ def _newton_direction(
     slope: Array,
     precondition: Preconditioner,
     settings: NewtonSettings,
-) -> Array:
-    """Approximately solve H step = -slope; the relative residual shrinks with the gradient (Eisenstat-Walker)."""
+) -> tuple[Array, int]:
+    """Solve H step = -slope roughly, by n products; the residual shrinks with the slope (Eisenstat-Walker)."""
     proba, weight = (a.astype(features.dtype, copy=False) for a in (proba, weight))
     step = np.zeros_like(slope)
     residual = -slope
-    preconditioned = precondition(residual)
-    direction = preconditioned
+    direction = preconditioned = precondition(residual)
     energy = first = float((residual * preconditioned).sum())
     scale = max(float(weight.sum(dtype=float)), np.finfo(float).tiny)
     forcing = FORCING if settings.tol >= LOOSE else min(FORCING, np.sqrt(np.sqrt(first / scale)))
-    for _ in range(settings.max_cg):
+    n_products = 0
+    for n_products in range(1, settings.max_cg + 1):  # noqa: B007
         product = hessian_product(features, proba, weight, direction) + ridge * direction
         curvature = float((direction * product).sum())
         if curvature <= 1e-14 * float((direction * direction).sum()):
@@ -146,7 +146,7 @@ def _newton_direction(
         if energy <= forcing**2 * first:
             break
         direction = preconditioned + (energy / previous) * direction
-    return step if step.any() else -slope
+    return (step if step.any() else -slope), n_products
 
 
 def lbfgs_step(

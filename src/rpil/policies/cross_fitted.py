@@ -18,7 +18,6 @@ from rpil.data.spaces import Discrete, Space
 from rpil.numerics.blocks import at_actions, log_softmax
 from rpil.numerics.types import Array, Float, Int, Num
 from rpil.policies.folds import deal, out_of_fold, pieces
-from rpil.policies.protocol import CrossFittedPolicy
 from rpil.policies.settings import CrossFitSettings
 from rpil.policies.student import StudentPolicy
 
@@ -134,6 +133,10 @@ class RegressorPolicy:
 
     def _predict(self, model: Estimator, features: Array) -> Array:
         return np.asarray(model.predict(features).reshape(-1, self.noise.weights.shape[1]))
+
+
+CrossFittedPolicy = ClassifierPolicy | RegressorPolicy
+"""A policy whose `fit` returns held-out outputs: those of a model that was fitted without the demonstration."""
 
 
 def cross_fitted_policy(

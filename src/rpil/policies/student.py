@@ -44,7 +44,7 @@ MIN_GAIN = 5e-6
 recorded data the means of the median set were within 5e-4 standard deviations of those at a fifth of it."""
 
 
-@stored(weights="F+1 A", cholesky="A A", ridge="F+1", least="A", low="A", high="A")
+@stored
 @dataclass(frozen=True, eq=False)
 class StudentPolicy:
     """a | s ~ t_nu( W^T phi(s), Sigma ), for a design matrix whose last column is the constant."""
@@ -106,6 +106,7 @@ class StudentPolicy:
         total = weight.sum()
         if not total > 0.0:
             return self, self.outputs(data.features)
+        data = replace(data, actions=np.asfortranarray(data.actions))  # as outputs are: else each sum is strided
         fitted = _Fitted.at(self, self.outputs(data.features), data.actions, weight)
         for _ in range(max_iter):
             before, fitted = fitted, self._iterate(data, fitted, weight)
@@ -177,24 +178,30 @@ class StudentPolicy:
 
     @staticmethod
     def _iterate(data: FitData, last: _Fitted, weight: Array) -> _Fitted:
-        """The policy after one step of weighted least squares."""
+        """The policy after one step of weighted least squares, then Sigma, its best multiple, and nu."""
         policy, features = last.policy, data.features
         robust = policy._robust_weight(last.distance, weight)
         grams, slope = _weighted_sums(features, last.errors, last.factors, robust, policy._precision)
-        step = policy._step(grams, slope, kinked := bool((last.factors < 1.0).any()))
-        change = linear(features, step)
-        if kinked:  # the length is chosen by the likelihood itself, so the weights are those of the new errors
-            moved = policy._shortened(step, change, data.actions, last, weight)
-            robust = policy._robust_weight(moved.distance, weight)
-            outputs, errors, factors, weights = moved.outputs, moved.errors, moved.factors, moved.policy.weights
-        else:
-            outputs, weights = last.outputs + change, policy.weights + step
-            errors, factors = policy._errors(outputs, data.actions)
-        policy = policy._moved(weights, (errors.T * robust) @ errors, weight.sum())
-        distance = policy._distance(errors)
+        step = policy._step(grams, slope, bool((last.factors < 1.0).any()))
+        moved = policy._shortened(step, linear(features, step), data.actions, last, weight)
+        errors, robust = moved.errors, policy._robust_weight(moved.distance, weight)
+        policy = policy._moved(moved.policy.weights, (errors.T * robust) @ errors, weight.sum())
+        policy, distance = policy._scaled(policy._distance(errors), weight)
         likelihoods = policy._log_likelihoods(distance, weight)
         policy = policy._with_best_freedom(likelihoods)
-        return _Fitted(policy, outputs, errors, factors, distance, float(likelihoods.max()) - policy.penalty())
+        objective = float(likelihoods.max()) - policy.penalty()
+        return _Fitted(policy, moved.outputs, errors, moved.factors, distance, objective)
+
+    def _scaled(self, distance: Array, weight: Array) -> tuple[StudentPolicy, Array]:
+        """The policy with the best multiple of Sigma, and the distances under it: with small nu Sigma alone would grow
+        for many iterations (parameter expansion, Liu, Rubin and Wu 1998)."""
+        nu, n_parts, penalty, size = self.freedom, len(self.cholesky), 2.0 * self.penalty(), 1.0
+        for _ in range(4):  # Newton's method on the logarithm of the multiple, in which the objective is concave
+            share = distance / (size * nu + distance)
+            slope = (nu + n_parts) * (weight @ share) + penalty / size - n_parts * weight.sum()
+            curvature = (nu + n_parts) * (weight @ (share * (1.0 - share))) + penalty / size
+            size *= np.exp(np.clip(slope / curvature, -1.0, 1.0))
+        return replace(self, cholesky=np.sqrt(size) * self.cholesky), distance / size
 
     def _moved(self, weights: Array, scatter: Array, total: float) -> StudentPolicy:
         """The policy with these coefficients, and Sigma of the errors with the sums of squares `scatter` (A, A)."""
@@ -212,12 +219,12 @@ class StudentPolicy:
 
     def _step(self, grams: Array, slope: Array, kinked: bool) -> Array:
         """The Newton step: with the Hessian of each part where errors are beyond a bound, else one Hessian for all."""
-        ridge, precision = np.diag(self.ridge), self._precision
-        slope = slope - (self.ridge[:, None] * self.weights) @ precision
+        ridge = np.diag(self.ridge)
+        slope = slope - (self.ridge[:, None] * self.weights) @ self._precision
+        steps = slope @ self.cholesky @ self.cholesky.T
         if not kinked:
-            return _solve(grams[0] + ridge, slope @ self.cholesky @ self.cholesky.T)
-        parts = zip(grams, slope.T, np.diag(precision), strict=True)
-        return np.column_stack([_solve(gram + ridge, part / own_precision) for gram, part, own_precision in parts])
+            return _solve(grams[0] + ridge, steps)
+        return np.column_stack([_solve(gram + ridge, part) for gram, part in zip(grams, steps.T, strict=True)])
 
     def _shortened(self, step: Array, change: Array, actions: Array, last: _Fitted, weight: Array) -> _Fitted:
         """The policy after the longest of 1, 1/2, 1/4 .. times the step, by which outputs `change`, that does not lower
@@ -246,8 +253,8 @@ class StudentPolicy:
 
     def _distance(self, errors: Array) -> Array:
         """Squared Mahalanobis distances of rows, (N, A) -> (N,)."""
-        standard = solve_triangular(self.cholesky, errors.T, lower=True)
-        return np.asarray(np.einsum("an,an->n", standard, standard))
+        standard = errors @ solve_triangular(self.cholesky, np.eye(len(self.cholesky)), lower=True).T
+        return np.asarray(np.einsum("na,na->n", standard, standard))
 
     def _log_density(self, distance: Array, freedom: float) -> Array:
         dimension = len(self.cholesky)
@@ -282,7 +289,7 @@ def _weighted_sums(
     of X."""
     n_parts, width = errors.shape[1], features.shape[1]
     grams, slope = np.zeros((n_parts, width, width)), np.zeros((width, n_parts))
-    residual = weight[:, None] * (errors @ precision) * factors
+    residual = weight[:, None] * (precision @ errors.T).T * factors
     for block in blocks(features):
         rows, of_rows, weights = features[block], factors[block], weight[block]
         slope += rows.T @ residual[block].astype(features.dtype, copy=False)

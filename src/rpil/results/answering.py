@@ -12,7 +12,7 @@ from scipy.special import expit
 
 from rpil.data.demonstrator_groups import Demonstrators
 from rpil.data.errors import DataError
-from rpil.data.id_values import Relation, check_ids, label_codes, label_rows, match_pairs, parse_labels, parse_marks
+from rpil.data.id_values import Relation, check_ids, label_codes, label_rows, match_pairs, parse_answers, parse_marks
 from rpil.data.text import printable
 from rpil.inference.answered import Answered, answer, places_to_ask
 from rpil.inference.answers import Answers, check_copied_labels
@@ -29,19 +29,6 @@ Id = TypeVar("Id", bound=Hashable)
 
 NOT_USED = "Lengths and rewards were not used."
 """The assumption without answers."""
-
-NEXT_STEPS = {
-    "outliers": "Look at the outliers; they are different, and not necessarily worse.",
-    "answered": "Look at some that are bad or open, and label those that you can judge.",
-    "mixture": "Look at some adversaries, and label a demonstration whose verdict is wrong.",
-    "a group apart": "Look at one of them and at one of the rest, and say which is better.",
-    "two groups": "Look at one demonstration of each group, and say which is better.",
-    "no outliers": "Look at the lowest ranked demonstrations, and label those that you can judge.",
-    "nothing could be learned": "Check that the observations contain what the actions depend on, or give more "
-    "demonstrations.",
-}
-"""Next steps, by finding."""
-
 
 MIN_FIRST = 5
 """Demonstrations to look at first, at least."""
@@ -134,9 +121,9 @@ def is_over(sentence: str) -> bool:
 def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, Id]]) -> Answers:
     """The answers of an audit and these; a new label replaces an old one."""
     known = audit.answers
-    texts, more = parse_labels(labels, audit.ids)
-    rows = [row for row in label_rows(labels) if row.is_mark]
-    check_ids([row.id for row in rows], audit.ids, "the labels", "the labels")
+    rows = label_rows(labels)
+    texts, more = parse_answers(rows, "the labels") if rows else ({}, {})
+    check_ids([row.id for row in rows if row.is_mark], audit.ids, "the labels", "the labels")
     marks = parse_marks(rows, "the labels", audit.ids, audit.lengths)
     for m, start, end, sign in known.marks.tolist():  # a new answer about the same rows stands in place of an old one
         new = marks[(marks[:, 0] == m) & (marks[:, 1] < end) & (marks[:, 2] > start)]

@@ -10,7 +10,7 @@ import csv
 import io
 import json
 from collections import Counter
-from collections.abc import Hashable, Iterable, Mapping, Sequence, Set
+from collections.abc import Hashable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from itertools import chain, compress
 from typing import Any, cast
@@ -59,8 +59,6 @@ class Asked:
     """Keep this share of the demonstrations, in (0, 1]; those with the largest log-odds."""
     at_least: float | None = None
     """Keep those whose probability is this or more."""
-    ignored: Set[str] = frozenset()
-    """Rules that reject nobody: labels, outcome, or some of `RULES_OF_VERDICTS`."""
     faulty: Set[str] = frozenset()
     """Ids, as text, of the demonstrations with a fault that was named."""
     spared: Set[str] = frozenset()
@@ -119,33 +117,36 @@ def choose(table: Table, asked: Asked = Asked()) -> Choice:
     """
     ids = cast(Sequence[Id], table["id"])
     labels, said = (table.get(name, [""] * len(ids)) for name in ("label", "said"))
-    known = zip(ids, labels, _by_audit(table), _below(table, asked), strict=True)
-    rules = [_rule_of(str(name), label, rule, below, asked) for name, label, rule, below in known]
-    of_rule = {rule: tuple(compress(ids, map(rule.__eq__, rules))) for rule in ("", *KEEP_RULES)}
-    rejected = {rule: of_rule[rule] for rule in KEEP_RULES if of_rule[rule]}
-    failure, notes, acts = Choice.failure, list[str](), not asked.by_number and "answers" not in asked.ignored
-    for name, label, how, rule in zip(ids, labels, map(str, said), rules, strict=True):
+    kept, rejected = list[Id](), {rule: list[Id]() for rule in KEEP_RULES}
+    failure, notes, known = Choice.failure, list[str](), zip(_by_audit(table), _below(table, asked), strict=True)
+    for name, label, how, (by_audit, below) in zip(ids, labels, map(str, said), known, strict=True):
+        rule = "" if str(name) in asked.spared else _rule_of(str(name), label, by_audit, below, asked)
+        (rejected[rule] if rule else kept).append(name)
         if rule == "outcome":
             failure = how or failure
-        elif acts and how.startswith(WORSE) and not (rule or label or str(name) in asked.spared):
+        elif how.startswith(WORSE) and not (rule or label or asked.by_number or str(name) in asked.spared):
             notes.append(f"{printable(name)} is kept though you called it {printable(how)}: one answer more decides.")
     by_outcomes = "label" in table and not any(labels) and not any(str(how).startswith(WORSE) for how in said)
-    told = "the outcomes" if by_outcomes else Choice.told
-    return Choice(of_rule[""], rejected, asked, failure, tuple(notes), told)
+    of_rule = {rule: tuple(own) for rule, own in rejected.items() if own}
+    return Choice(tuple(kept), of_rule, asked, failure, tuple(notes), "the outcomes" if by_outcomes else Choice.told)
 
 
 def _rule_of(name: str, label: object, rule: str, below: bool, asked: Asked) -> str:
     """The rule that rejects the demonstration `name`, or nothing, by its label, the `rule` of its audit, and whether it
     is `below` what is asked for."""
-    if name in asked.spared:
-        return ""
-    found = {"labels": label == "bad", "outcome": rule == "outcome" and label != "good", "faults": name in asked.faulty}
-    inferred = ("threshold", below) if asked.by_number else (rule, not label)
-    return next((one for one, holds in (*found.items(), inferred) if holds and one not in asked.ignored), "")
+    if label == "bad":
+        return "labels"
+    if rule == "outcome" and label != "good":
+        return rule
+    if name in asked.faulty:
+        return "faults"
+    if asked.by_number:
+        return "threshold" * below
+    return "" if label else rule
 
 
-def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
-    """The columns of a table of verdicts that an audit wrote, or of labels of the `ids`, which become verdicts, or of
+def read_verdicts(path: StrPath) -> Table:
+    """The columns of a table of verdicts that an audit wrote, or of labels, which become verdicts, or of
     the demonstrations to keep that an audit or a review wrote, with the rules that reject the others. A `DataError`
     where the file cannot be read as such."""
     path = check_readable(check_extension(path, TABLE_EXTENSIONS, "verdicts"))
@@ -155,17 +156,11 @@ def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
             columns = read_table(path).to_pydict()
         else:
             text = read_text(path, LARGEST_TABLE, "utf-8-sig")
-            found = (
-                csv.DictReader(io.StringIO(text, newline=""))
-                if kind == "csv"
-                else parse(text, path.name, LARGEST_TABLE)
-            )
-            if isinstance(found, dict) and isinstance(found.get("rejected"), dict):
-                return _table_of_kept(found)
-            rows = list(found)
-            columns = (
-                {name: [row[name] for row in rows] for name in rows[0]} if rows and isinstance(rows[0], dict) else {}
-            )
+            rows: Any = parse(text, path.name, LARGEST_TABLE) if kind == "json" else csv.DictReader(io.StringIO(text))
+            if isinstance(rows, dict) and isinstance(rows.get("rejected"), dict):
+                return _table_of_kept(rows)
+            rows = [row for row in rows if isinstance(row, dict)]
+            columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
             if kind == "csv" and "id" in columns:
                 columns["id"] = [from_cell(str(name)) for name in columns["id"]]
     if {"id", "verdict"} <= {*columns}:
@@ -173,14 +168,14 @@ def read_verdicts(path: StrPath, ids: Iterable[object] = ()) -> Table:
     if kind != "csv":
         remedy = "give the table of rpil audit --verdicts, the list of --keep, or labels"
         raise DataError(f"{path.name}: it has no columns id and verdict; {remedy}.")
-    labels = read_labels(path, ids)
+    labels = read_labels(path)
     return {"id": list(labels), "verdict": list(labels.values()), "label": list(labels.values())}
 
 
 def verdicts_about(path: StrPath, ids: Sequence[Hashable], every: Sequence[Hashable]) -> tuple[Table, set[str]]:
     """The rows of `read_verdicts` about the demonstrations `ids`, and those that it names, as text; None in the rows of
     the others. A `DataError` where the file names one that is none of `every` one, or one twice."""
-    table = read_verdicts(path, every)
+    table = read_verdicts(path)
     check_ids(table["id"], every, str(path), "the ids")
     row = {str(name): k for k, name in enumerate(table["id"])}
     if len(row) < len(table["id"]):

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Hashable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,27 +22,26 @@ from rpil.data.spaces import Discrete
 from rpil.data.text import printable
 from rpil.faults.measured_columns import never_moves
 from rpil.inference.findings import DECIDED
-from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax, log_reference
+from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
 from rpil.inference.trimming import choose_ridge
 from rpil.inference.trust import Judgement
 from rpil.numerics.regression import error_scale, student_log_densities
 from rpil.numerics.types import Array, Bool, Float, Int
-from rpil.results.answering import looking_order
-from rpil.results.judged import MAX_DRAWN, TracedPart, Traces, bin_means, bin_starts
 from rpil.results.reasons import worst_stretch
 from rpil.results.record import Audit
 from rpil.results.vocabulary import SIDES
 
+COMPARED = (*DECIDED, "a group apart")
+"""The findings with which there is a rest to compare with."""
+
 BAND = 0.05, 0.95
-"""Quantiles of what the rest do that are drawn."""
+"""Quantiles of what the rest do, which are named."""
 
 MAX_STEPS = 20
 """Steps of a stretch that are compared, those with the lowest log-ratios: enough to name an action."""
 
-MAX_PARTS = 3
-"""Parts of the action that are drawn."""
 MIN_NATS = 1e-6
 """Evidence that is more than rounding."""
 
@@ -53,7 +51,7 @@ MIN_SHARE = 0.3
 
 @dataclass(frozen=True, eq=False)
 class StepEvidence:
-    """The evidence of each step of K demonstrations, beside what the rest do there; J parts of the action."""
+    """The steps of K demonstrations, beside what the rest do there; J parts of the action."""
 
     data: FitData
     members: Int[Array, " K"]
@@ -64,7 +62,8 @@ class StepEvidence:
     high: Float[Array, "N J"]
     """The band of the rest."""
     nats: Float[Array, "N J"]
-    """The log-ratio of each part, less that of the median one of the rest a step, in nats."""
+    """The log-ratio of each part, less that of the median one of the rest a step, in nats; the last three are empty
+    where actions are discrete."""
 
     @classmethod
     def of(
@@ -77,23 +76,19 @@ class StepEvidence:
     ) -> StepEvidence:
         """Compare with the means `expected` of a policy, (N, A), or the log-probabilities of the actions, (N,)."""
         if isinstance(data.space, Discrete):
-            every, none = np.ones(data.n_demonstrations, dtype=bool), np.zeros((len(expected), 1))
-            value, mean, low, high = np.exp(expected)[:, None], none, none, none + 1
-            log_ratio = (expected - log_reference(data, every, settings))[:, None]
-        else:
-            value, mean, low, high = data.actions, expected, data.space.low, data.space.high
-            # d_j, with the scale of the errors of the rest
-            scaling, errors = ActionScale.of(data), settings.errors
-            actions = scaling(value)
-            away, middle = actions - (mean - scaling.location) / scaling.spread, np.median(actions, axis=0)
-            scale = error_scale(away, data.per_step(rest.astype(float)), errors)
-            width = error_scale(actions - middle, np.ones(len(actions)), errors)
-            of_reference = student_log_densities(actions - middle, width, errors)
-            log_ratio = student_log_densities(away, scale, errors) - of_reference
-        ends = (mean + end for end in np.quantile((value - mean)[data.per_step(rest)], BAND, axis=0))
-        low, high = (np.clip(end, low, high) for end in ends)  # nobody acts beyond the box
+            none = np.empty((0, 1))
+            return cls(data, members, np.exp(expected)[:, None], none, none, none)
+        # d_j, with the scale of the errors of the rest
+        scaling, errors = ActionScale.of(data), settings.errors
+        actions = scaling(data.actions)
+        away, middle = actions - (expected - scaling.location) / scaling.spread, np.median(actions, axis=0)
+        scale = error_scale(away, data.per_step(rest.astype(float)), errors)
+        width = error_scale(actions - middle, np.ones(len(actions)), errors)
+        log_ratio = student_log_densities(away, scale, errors) - student_log_densities(actions - middle, width, errors)
+        ends = np.quantile((data.actions - expected)[data.per_step(rest)], BAND, axis=0)
+        low, high = (np.clip(expected + end, data.space.low, data.space.high) for end in ends)  # nobody acts beyond
         usual = np.median((data.sum_steps(log_ratio) / data.lengths[:, None])[rest], axis=0)
-        return cls(data, members, value, low, high, log_ratio - usual)
+        return cls(data, members, data.actions, low, high, log_ratio - usual)
 
 
 def by_held_out_policies(
@@ -111,24 +106,6 @@ def by_held_out_policies(
     return StepEvidence.of(data, members, expected, ~judgement.claims.lower[members], settings)
 
 
-def worth_a_look(audit: Audit, size: int = MAX_DRAWN) -> Int[Array, " K"]:
-    """Up to `size` demonstrations, the first in the order of looking; in the order of the data where these are all."""
-    order = np.array(looking_order(audit)[0], dtype=np.int64)
-    return np.sort(order) if len(order) <= size else order[:size]
-
-
-def evidence_by_part(nats: Float[Array, " J"]) -> tuple[tuple[int, float], ...]:
-    """The parts of the action with most of the evidence, the largest first, and their shares of it.
-
-    The shares are among the parts that point where the sum of the `nats` points. There are `MAX_PARTS` at most, and
-    none where there is nothing but rounding.
-    """
-    toward = np.maximum(nats if nats.sum() > 0 else -nats, 0.0)
-    total = float(toward.sum())
-    order = np.argsort(-toward, kind="stable")[:MAX_PARTS].tolist()
-    return tuple((j, float(toward[j]) / total) for j in order if total > MIN_NATS and toward[j] > 0)
-
-
 def part_name(data: FitData, j: int) -> str:
     """The name of a part of the action; discrete actions are one."""
     if data.space.n_parts == 1 and (data.space.kind == "discrete" or not data.action_names):
@@ -136,38 +113,15 @@ def part_name(data: FitData, j: int) -> str:
     return printable(data.action_name(j)) if data.action_names else f"action part {j}"
 
 
-def traces(audit: Audit, evidence: StepEvidence, drawn: Int[Array, " D"]) -> dict[Hashable, Traces]:
-    """The traces of the demonstrations `drawn`, by their ids; none where all parts are as in the rest."""
-    places = np.searchsorted(evidence.members, audit.copy_of[drawn])
-    made = {audit.ids[m]: _traces(evidence, k) for m, k in zip(drawn.tolist(), places.tolist(), strict=True)}
-    return {name: each for name, each in made.items() if each.parts}
-
-
-def _traces(evidence: StepEvidence, place: int) -> Traces:
-    data = evidence.data
-    rows = slice(*data.offsets[place : place + 2].tolist())
-    nats, curves = evidence.nats[rows].sum(axis=0), (evidence.value[rows], evidence.low[rows], evidence.high[rows])
-    parts = tuple(
-        TracedPart(part_name(data, j), share, float(nats[j]), *(bin_means(each[:, j]).astype("f4") for each in curves))
-        for j, share in evidence_by_part(nats)
-    )
-    if data.space.kind != "discrete":
-        return Traces(parts)
-    starts = bin_starts(rows.stop - rows.start)
-    least = starts + [int(np.argmin(each)) for each in np.split(evidence.value[rows, 0], starts[1:])]
-    taken = data.actions[rows][least].tolist()
-    names = {code: printable(data.action_name(code)) for code in set(taken)}
-    return Traces(parts, tuple(names[code] for code in taken))
-
-
 def deviations(audit: Audit, evidence: StepEvidence, classes: Array) -> tuple[str, ...]:
     """A phrase for each demonstration with a stretch of bad steps, and "" for all others, (M,).
 
     Of discrete actions, codes of `classes`, it is the most frequent one of those that others mostly do not take there.
-    Of continuous actions it is a part that moves in most others alone, or that with most of the evidence. It takes a
-    trusted group to compare with.
+    Of continuous actions it is a part that moves in most others alone, or that with most of the evidence. It takes
+    a group to compare with.
     """
-    if audit.finding not in DECIDED or (audit.anchor != "none" and "upper" not in map(SIDES.get, audit.verdicts)):
+    has_rest = audit.anchor == "none" or "upper" in map(SIDES.get, audit.verdicts)
+    if audit.finding not in COMPARED or not has_rest:
         return ()
     phrases, data, never = [], evidence.data, never_moves(evidence.data.actions, evidence.data.offsets)
     for m, place in enumerate(np.searchsorted(evidence.members, audit.copy_of).tolist()):
@@ -209,9 +163,10 @@ def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, 
     if never.any():
         j = int(np.argmin(np.where(never, nats, np.inf)))
         return f"{part_name(evidence.data, j)} stays at {evidence.value[rows[0], j]:.4g}, and moves in the others"
-    if not (parts := evidence_by_part(nats)):
+    toward = np.maximum(nats if nats.sum() > 0 else -nats, 0.0)
+    if toward.sum() <= MIN_NATS:
         return ""
-    j, _ = parts[0]
+    j = int(np.argmax(toward))
     value, low, high = (each[rows, j] for each in (evidence.value, evidence.low, evidence.high))
     away = np.maximum(low - value, value - high)
     own = int(np.argsort(away, kind="stable")[len(away) // 2])

@@ -45,7 +45,7 @@ class Demonstrator:
 
 
 MAX_DRAWN = 300
-"""Demonstrations with traces, and with drawings on a page: those that are most worth a look."""
+"""Demonstrations with drawings on a page: those that are most worth a look."""
 
 MAX_POINTS = 400
 """Points of a curve over the steps of a demonstration; of more steps, each point is the mean over some of them."""
@@ -53,35 +53,6 @@ MAX_POINTS = 400
 
 ALONE = "Not judged: it is the only demonstration of its task or session."
 """The reason for a verdict that is open for want of other demonstrations."""
-
-
-@dataclass(frozen=True, eq=False)
-class TracedPart:
-    """A part of the action of one demonstration, at P points."""
-
-    name: str
-    share: float
-    """Share of the evidence of all parts that point where their sum points, for or against it: 0 to 1."""
-    nats: float
-    """Amount that the part adds to the sum of the log-ratios, more than in the median one of the rest of this length;
-    below 0 it speaks against the demonstration."""
-    value: Float[Array, " P"]
-    """Action of the demonstration: its number, in the units of the data; or the probability of the
-    discrete action taken, by the policy of the rest."""
-    low: Float[Array, " P"]
-    high: Float[Array, " P"]
-    """The 5 % and the 95 % quantile of what the rest do: in the same states, that is, around the mean of their
-    policy there; or, of the probability of the action taken, in all their steps."""
-
-
-@dataclass(frozen=True, eq=False)
-class Traces:
-    """Up to three parts of the action of one demonstration, those with most of the evidence first."""
-
-    parts: tuple[TracedPart, ...]
-    """One alone where actions are discrete."""
-    taken: tuple[str, ...] = ()
-    """Names of discrete actions: the one taken at each point, or the least likely one of its steps."""
 
 
 def bin_starts(n_steps: int) -> Int[Array, " P"]:
@@ -142,7 +113,6 @@ class Judged:
     sessions: tuple[str, ...] = field(default=(), metadata=TEXT | {"shown": "session"})
     order: Float[Array, " M"] | None = field(default=None, metadata=OF_EACH)
     taken_over: Float[Array, " N"] | None = field(default=None, metadata=of_each("N"))
-    traces: dict[Hashable, Traces] = field(default_factory=dict)
     own_reasons: tuple[str, ...] = field(default=(), metadata=TEXT | {"nothing": ALONE})
     rejected_by: tuple[str, ...] = field(default=(), metadata=TEXT)
     within: str = ""

@@ -1,9 +1,8 @@
-"""An audit in about eight lines of text, or in a notebook: finding, verdicts, doubts, and the lowest scores."""
+"""An audit in a few sentences: which to look at first, the finding, doubts, the verdicts, and the question."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable
-from html import escape
 
 import numpy as np
 
@@ -12,12 +11,6 @@ from rpil.inference.findings import FINDINGS
 from rpil.results.answering import looking_order, n_first
 from rpil.results.result import AuditResult
 from rpil.results.vocabulary import SIDES, in_numbers, numbered, short_id
-
-N_LOWEST = 3
-"""Demonstrations that the text names."""
-
-N_LOWEST_ROWS = 10
-"""Demonstrations that a notebook shows."""
 
 MAX_NAMED_FIRST = 12
 """Demonstrations to look at first that a sentence names."""
@@ -71,27 +64,13 @@ def headline(audit: AuditResult, most: int = MAX_IDS) -> str:
     return f"{audit.finding.capitalize()}: {sentence[:1].lower()}{sentence[1:]}"
 
 
+def verdict_sentence(audit: AuditResult) -> str:
+    """How many demonstrations have which verdict."""
+    size = f"{counted(len(audit.ids), 'demonstration')} ({audit.offsets[-1]:,} steps)"
+    return f"{size}: {in_numbers(audit.verdict_counts())}."
+
+
 def overview_text(audit: AuditResult) -> str:
     """Text of ``repr`` of an audit."""
-    size = f"{counted(len(audit.ids), 'demonstration')}, {int(audit.offsets[-1]):,} steps"
-    lines = [f"Audit: {first_sentence(audit)}", headline(audit), f"{size}: {in_numbers(audit.verdict_counts())}."]
-    if audit.doubts:
-        more = len(audit.doubts) - 1
-        lines.append(f"Doubt: {audit.doubts[0]}" + f" ({more} more in doubts)" * (more > 0))
-    if audit.question:
-        lines.append(f"Question: {audit.question}")
-    lowest = audit.ranking()[::-1][:N_LOWEST].tolist()
-    names = [short_id(audit.ids[m]) for m in lowest]
-    width = max(map(len, names))
-    lines.append(f"The lowest {len(lowest)} scores (log_odds), of {len(audit.ids):,}:")
-    for m, name in zip(lowest, names, strict=True):
-        lines.append(f"  {name:<{width}}  {audit.verdicts[m]}, {audit.place(m)}, score {audit.log_odds[m]:+.1f}")
-    return "\n".join([*lines, "All: to_frame(), plot.ranking(), to_html(path)."])
-
-
-def overview_html(audit: AuditResult) -> str:
-    """HTML that a notebook shows of an audit: the text, and a table of the lowest with their reasons."""
-    lowest = audit.ranking()[::-1][:N_LOWEST_ROWS].tolist()
-    rows = ([short_id(audit.ids[m]), audit.verdicts[m], audit.place(m), audit.reasons[m]] for m in lowest)
-    cells = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows)
-    return f"<pre>{escape(overview_text(audit))}</pre><table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"
+    lines = [first_sentence(audit), headline(audit), *(f"Doubt: {doubt}" for doubt in audit.doubts)]
+    return "\n".join([*lines, verdict_sentence(audit), *filter(None, [audit.question])])

@@ -13,8 +13,8 @@ import numpy as np
 
 from rpil.data.errors import optional
 from rpil.data.text import printable
-from rpil.numerics.types import Array, Int
-from rpil.results.result import AuditResult, running_mean
+from rpil.numerics.types import Array, Float, Int
+from rpil.results.result import AuditResult
 from rpil.results.vocabulary import COLOURS, SIDES
 
 if TYPE_CHECKING:
@@ -111,3 +111,9 @@ def _dots(ax: Axes, audit: AuditResult, order: Int[Array, " M"], x: Array, y: Ar
             label = f"{verdict} ({mask.sum()})"
             ax.plot(x[mask], y[mask], "o", color=COLOURS[SIDES[verdict]], markersize=4.5, label=label)
     ax.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=6, frameon=False, handletextpad=0.2)
+
+
+def running_mean(values: Float[Array, " N"]) -> Float[Array, " N"]:
+    """Centred running mean over a twentieth of the values, over fewer at both ends."""
+    window = np.ones(max(len(values) // 20, 1))
+    return np.asarray(np.convolve(values, window, "same") / np.convolve(np.ones(len(values)), window, "same"))

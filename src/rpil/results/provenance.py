@@ -12,7 +12,7 @@ from pathlib import Path
 from rpil.data.archive import rpil_version
 from rpil.data.files import StrPath
 from rpil.data.folders import is_hidden
-from rpil.data.privacy import for_others
+from rpil.data.text import for_others
 
 PROVENANCE_KEY = "rpil.provenance"
 """Key of the provenance, as JSON, among the metadata of a Parquet file."""
@@ -60,13 +60,12 @@ def digest(path: StrPath) -> dict[str, str | int]:
     place, sha256 = Path(path), hashlib.sha256()
     inside = sorted(place.rglob("*")) if place.is_dir() else [place]
     files = [file for file in inside if file.is_file() and not any(map(is_hidden, file.relative_to(place).parts))]
-    n_bytes = sum(file.stat().st_size for file in files)
+    n_bytes, found = sum(file.stat().st_size for file in files), sha256
     for file in files:
+        found = hashlib.sha256(str(file.stat().st_size).encode())
         if n_bytes <= _MOST_DIGESTED:
             with file.open("rb") as content:
                 found = hashlib.file_digest(content, "sha256")
-        else:
-            found = hashlib.sha256(str(file.stat().st_size).encode())
         sha256.update(os.fsencode(file.relative_to(place).as_posix()) + b"\0" + found.digest())
-    own = found if place.is_file() else sha256
+    own = sha256 if place.is_dir() else found
     return {"path": for_others(str(path)), "bytes": n_bytes, "sha256": own.hexdigest() if files else ""}

@@ -37,6 +37,7 @@ THROUGHOUT = "nearly throughout"
 AT_STEP = re.compile(r"at step (\d+): ")
 """How a deviation begins that is seen in one step."""
 
+NOBODY = "no outliers"
 FIFTHS = "Lowest fifth", "Below the middle", "In the middle", "Above the middle", "Highest fifth"
 
 GivenLabel = Literal["good", "bad", ""]
@@ -68,10 +69,8 @@ def reasons_of(audit: Judged, answers: Answers, said: Sequence[str]) -> Iterator
     groups = {name: letter for letter, group in zip("AB", audit.competing, strict=False) for name in group}
     rank = np.argsort(np.argsort(audit.log_odds, kind="stable"))
     for m, name in enumerate(audit.ids):
-        reason = _by_answers(audit, m, answers, said[m]) or _by_finding(
-            audit, groups.get(name, ""), rank[m] / len(rank)
-        )
-        reason = reason or _by_evidence(audit, m, int(rank[m]))
+        by_scores = _by_scores(audit, m, int(rank[m]), groups.get(name, ""))
+        reason = _by_answers(audit, m, answers, said[m]) or by_scores
         place, at, does = _worst_of(audit, m)
         differs = f"{place}{f', most {at}' * bool(at)}{f': {does}' * bool(does)}"
         if reason == DIFFERENT and place:
@@ -122,59 +121,44 @@ def _by_answers(audit: Judged, m: int, answers: Answers, said: str) -> str:
         return f"Labelled {'good' if answers.labels[m] > 0 else 'bad'}{again}"
     if said and verdict != vocabulary.upper:
         return f"You called it {printable(said)}" if said.startswith(WORSE) else said.replace(" = ", " ")
-    if audit.finding != "answered" or verdict == "open":
-        return ""
-    if verdict not in (vocabulary.upper, vocabulary.lower):
-        return ""
-    if answers.heard == (1,) and answers.has_outcome[m]:
-        values, upper = answers.outcomes[:, 0], verdict == vocabulary.upper
-        if values[m] > np.nanmedian(values) if upper else values[m] < np.nanmedian(values):
-            return f"Its outcome is among the {'highest' if upper else 'lowest'}"
-    return f"{verdict.capitalize()} by {audit.told} about others like it"
+    is_learned = audit.finding == "answered" and verdict in ("good", "bad")
+    return f"{verdict.capitalize()} by {audit.told} about others like it" if is_learned else ""
 
 
-def _by_finding(audit: Judged, group: str, above: float) -> str:
-    """The reason where the finding gives no demonstration a verdict, or nothing; `group` is A, B or nothing, and
-    `above` the share of the demonstrations that it ranks above."""
-    if audit.finding in ("a group apart", "two groups"):
+def _by_scores(audit: Judged, m: int, rank: int, group: str) -> str:
+    """The reason where no answer decided about demonstration `m`, of `group` A, B or nothing, which scores higher than
+    `rank` others."""
+    vocabulary, log_odds, verdict, finding = (
+        audit.vocabulary,
+        float(audit.log_odds[m]),
+        audit.verdicts[m],
+        audit.finding,
+    )
+    if finding in ("a group apart", "two groups"):
         return f"Acts as group {group} does; only an answer can tell which is good" if group else "In neither group"
-    if audit.finding == "no outliers":
-        return f"{FIFTHS[int(5 * above)]} of the ranking, not clearly different"
-    return "Nothing could be learned" if audit.finding == "nothing could be learned" else ""
-
-
-def _by_evidence(audit: Judged, m: int, rank: int) -> str:
-    """Reason that decided about demonstration `m`, which scores higher than `rank` others, or why it has no verdict."""
-    vocabulary, log_odds, side = audit.vocabulary, float(audit.log_odds[m]), SIDES[audit.verdicts[m]]
-    if side == "open" and audit.anchor == "none":
-        return f"{FIFTHS[5 * rank // len(audit.ids)]} of the ranking"
-    if side == "open" and abs(log_odds) < logit(audit.settings.min_proba(audit.anchor)):
+    if finding == "nothing could be learned":
+        return "Nothing could be learned"
+    if finding == "no outliers" or (verdict == "open" and audit.anchor == "none"):
+        return f"{FIFTHS[5 * rank // len(audit.ids)]} of the ranking{', not clearly different' * (finding == NOBODY)}"
+    if verdict == "open" and abs(log_odds) < logit(audit.settings.min_proba(audit.anchor)):
         return f"Its score is between those of {vocabulary.upper} and {vocabulary.lower} ones"
-    if side == "open":
+    if verdict == "open":
         looks = vocabulary.upper if log_odds > 0 else vocabulary.lower
         return f"Looks {looks} (place {len(audit.ids) - rank:,} of {len(audit.ids):,}); left open to be safe"
-    sign = 1 if side == "upper" else -1
+    sign = 1 if SIDES[verdict] == "upper" else -1
     if sign * audit.from_demonstrator[m] > sign * audit.from_actions[m]:
         return "Judged by the other demonstrations of its operator"
-    if audit.anchor == "named adversary":
-        return f"Acts like the {audit.verdicts[m]}"
-    return DIFFERENT
+    return f"Acts like the {verdict}" if audit.anchor == "named adversary" else DIFFERENT
 
 
-RANKS: Mapping[str, tuple[str, int]] = {
-    "length": ("length", 1),
-    "pauses": ("motion", -1),
-    "smoothness": ("smoothness", 1),
-    "path": ("short path", -1),
+RANKS: Mapping[str, tuple[str, int, str, str]] = {
+    "length": ("length", 1, "is shorter", "takes longer"),
+    "pauses": ("motion", -1, "pauses less", "pauses more"),
+    "smoothness": ("smoothness", 1, "is less smooth", "is smoother"),
+    "path": ("short path", -1, "has a shorter path", "has a longer path"),
 }
-"""Each fact that is a rank: the channel that it is read from, and whether it grows or falls with it."""
-
-STYLES = {
-    "pauses": ("fewer pauses", "more pauses"),
-    "smoothness": ("less smooth", "smoother"),
-    "path": ("shorter path", "longer path"),
-}
-"""The ranks that describe a style, and the words for low and for high ones."""
+"""Each fact that is a rank: the channel that it is read from, whether it grows or falls with it, and the words
+for where it is low and high."""
 
 MIN_STYLE = 0.15
 """Distance of a median rank from the middle, 1/2, from which it is part of a style. Chosen by hand, not tuned."""
@@ -191,13 +175,6 @@ MAX_P = 0.01
 """Probability of so different facts by chance (Mann and Whitney 1947), up to which a difference is named."""
 MIN_SEPARATION = 0.8
 """Share of the pairs of a demonstration of each group that differ in this direction, from which it is named."""
-SAID_OF_B = {
-    "length": ("takes longer", "is shorter"),
-    "pauses": ("pauses more", "pauses less"),
-    "smoothness": ("is smoother", "is less smooth"),
-    "path": ("has a longer path", "has a shorter path"),
-}
-"""Words for group B where the fact is larger, and where it is smaller, than in group A."""
 
 Fact = float | int | str
 
@@ -213,7 +190,7 @@ def known_facts(
     """
     found: dict[str, tuple[Fact, ...]] = {}
     if columns.shape[1] >= len(CHANNELS):
-        for name, (channel, sign) in RANKS.items():
+        for name, (channel, sign, *_) in RANKS.items():
             ranks = ndtr(sign * columns[:, CHANNELS.index(channel)])
             found[name] = tuple(np.round(ranks, 6).tolist())
     is_longest = lengths == lengths.max()
@@ -224,21 +201,12 @@ def known_facts(
     return found
 
 
-def in_words(facts: Mapping[str, Sequence[Fact]], m: int) -> str:
-    """The facts about demonstration `m` in one line, or nothing."""
-    parts = [f"{name} {facts[name][m]:.2f}" for name in RANKS if name in facts]
-    parts += ["time limit reached"] if TIME_LIMIT in facts and facts[TIME_LIMIT][m] else []
-    parts += [f"session {printable(facts['session'][m])}"] if "session" in facts else []
-    parts += [f"number {facts['order'][m]:,} of {len(facts['order']):,} in order"] if "order" in facts else []
-    return ", ".join(parts)
-
-
 def style_in_words(facts: Mapping[str, Sequence[Fact]], lengths: Int[Array, " M"], own: Sequence[int]) -> str:
-    """How the demonstrations `own` differ from all of these `lengths`: in their median length, and in `STYLES`."""
+    """How the demonstrations `own` differ from all of these `lengths`: in their median length, and in other `RANKS`."""
     parts = [f"{np.median(lengths[list(own)]) / np.median(lengths):.2f} of the median length"]
-    for name in (name for name in STYLES if name in facts):
+    for name in (name for name in RANKS if name in facts and name != "length"):
         above = float(np.median([facts[name][m] for m in own])) - 0.5
-        parts += [STYLES[name][above > 0]] if abs(above) >= MIN_STYLE else []
+        parts += [RANKS[name][2:][above > 0]] if abs(above) >= MIN_STYLE else []
     return ", ".join(parts)
 
 
@@ -248,7 +216,7 @@ def groups_differ(
     """A sentence about the facts in which the groups A and B clearly differ; `columns` as in an audit."""
     found, (first, second) = [], groups
     n, pairs = len(first) + len(second), len(first) * len(second)
-    for name, (channel, sign) in RANKS.items():
+    for name, (channel, sign, *words) in RANKS.items():
         values = sign * columns[:, CHANNELS.index(channel)]
         ranks = mean_ranks(values[np.concatenate([second, first])])[: len(second)]
         above = float(ranks.sum() - len(second) * (len(second) + 1) / 2) / pairs
@@ -257,6 +225,6 @@ def groups_differ(
         if p <= MAX_P and max(above, 1 - above) >= MIN_SEPARATION:
             of_b, of_a = (np.median(lengths[group]) for group in (second, first))
             steps = f" (median {of_b:,.0f} against {of_a:,.0f} steps)"
-            found.append(SAID_OF_B[name][int(above < 0.5)] + steps * (name == "length"))
+            found.append(words[above > 0.5] + steps * (name == "length"))
     differ = f"B {listed(found)}" if found else "in length, pauses, smoothness and path they hardly differ"
     return (f"{TWO_GROUPS}{differ}.",)

@@ -16,7 +16,7 @@ from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.results.answering import looking_order
 from rpil.results.judged import Demonstrator, Interval
-from rpil.results.overview import overview_html, overview_text
+from rpil.results.overview import overview_text
 from rpil.results.result import AuditResult
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ __all__ = ["Audit", "Demonstrator", "Interval"]
 class Audit(AuditResult):
     """The result about the demonstrations: M of them, with N steps in all.
 
-    In a notebook it shows itself in a few lines; `to_frame` has a row for each demonstration, and `plot` the pictures.
+    It prints itself in a few lines; `to_frame` has a row for each demonstration, and `plot` the pictures.
 
     Attributes
     ----------
@@ -47,15 +47,13 @@ class Audit(AuditResult):
     finding : str
         One of `rpil.inference.findings.FINDINGS`.
     log_odds : (M,) array
-        The score, larger for those that are more like the others, or better by the answers: log P - log(1 - P), where P
-        is the probability that `vocabulary` names; the sum of `evidence`.
+        The score, larger for those that are more like the others, or better by the answers: log P - log(1 - P) with the
+        probability that `vocabulary` names; the sum of the next three.
     from_actions, from_demonstrator, from_label : (M,) arrays
-        The parts of `log_odds`: from the actions of the demonstration itself, from the other demonstrations of
-        its demonstrator (where there are answers), and from its label.
+        Parts of it: from its own actions, from the other demonstrations of its demonstrator, and from its label.
     expert_proba : (M,) array
-        The probability that `vocabulary` names and explains, which claims no more than the verdicts:
-        ``sigmoid(log_odds)`` where a demonstration has a verdict other than open or an adversary was named; where it
-        is open, this within the limits of verdicts (``settings.min_proba``); 0.5 where the finding gives none.
+        The probability that `vocabulary` explains: ``sigmoid(log_odds)`` where a demonstration has a verdict or an
+        adversary was named; where it is open, this within the limits of verdicts, or 0.5 where the finding gives none.
     reliability : (M,) array
         Share of the steps of the demonstration whose actions the policy explains better than their frequencies do.
     verdicts : tuple of str
@@ -63,61 +61,49 @@ class Audit(AuditResult):
     step_log_ratio : (N,) array
         ``log pi(a|s) - log psi(a|s)`` of each step, in nats.
     step_weight : (N,) array
-        Weight of each step for training a policy (`rpil.results.step_weights`): of `rpil.audit` 1 until two answers
-        contrast, then P(good) of its demonstration, scaled to a mean of 1 over all steps; of `RPIL` the learner's own.
+        Weight of each step for training a policy (`rpil.results.step_weights`).
     prior : Interval
         Share of the demonstrations of the upper group of the scores, or of the good ones or experts.
     identifiable : bool
-        False where two groups of demonstrations have policies of their own, and fewer than two answers say which one is
-        good.
+        Whether no two groups wait for answers that say which one is good.
     competing : tuple of tuple of ids
         These two groups.
     pair : tuple of ids
         Two demonstrations of which the answer to "which is better?" would say most; empty where there are none.
     adversary : str
         Name of the adversary of the mixture, or of the reference of the judge.
-    assumptions : tuple of str
-        The assumptions of the audit, one sentence each.
+    assumptions, notes, doubts : tuple of str
+        What the audit assumed, what else a user should know, and what speaks against verdicts by the answers; one
+        sentence each.
     demonstrators : tuple of Demonstrator
         With answers the most trusted first, and without answers no trust; empty where demonstrators were not given.
     answers : Answers
         The labels, pairs and outcomes that were given.
     contradicting : tuple of ids
         Demonstrations whose label contradicts the other answers.
-    doubts : tuple of str
-        What speaks against verdicts by the answers, one sentence each.
-    notes : tuple of str
-        What else a user should know: parts that are not judged, sessions, copies, how two groups differ.
     columns : (M, D) array
         What answers learn from, see `rpil.inference.answered`; (M, 0) where there is none.
     claimed : (M,) int array
         What was said without answers: -1 outlier, else 0. It stays until answers contrast.
     part : (M,) array
-        1 in the part of the demonstrations that the learner trusts, -1 in the other; 1/2 and -1/2 where only answers
-        can tell these apart; 0 where there are no parts (`rpil.inference.two_parts`), and in an audit without learner.
+        1 and -1 in the two parts of the demonstrations, of which the learner trusts the first; 1/2 and -1/2 where only
+        answers can tell these apart; else 0 (`rpil.inference.two_parts`).
     copy_of : (M,) int array
         Index of the first of the copies of each demonstration, which may be itself.
-    deviations : tuple of str
-        What each demonstration does in its worst steps, against what the trusted do there, or ""; empty where the data
-        are not in memory (`rpil.results.evidence`).
+    deviations, own_reasons, rejected_by : tuple of str
+        What each demonstration does in its worst steps, against what others do there (`rpil.results.evidence`); its
+        reason, where that compares with others than those of the audit; and the rule of
+        `rpil.results.choice.KEEP_RULES` that rejects it. Each may be "", or the tuple empty.
     anchor : {"none", "answers", "named adversary"}
         What says who is good; see `rpil.results.vocabulary`.
     sessions : tuple of str
-        The session of each demonstration; empty where none are known, as in an audit that was read from a file.
+        The session of each demonstration; empty where none are known.
     order : (M,) array or None
-        The place of each demonstration in the order in which they were made, where that is stated; as `sessions`.
+        The place of each demonstration in the order in which they were made, where that is stated.
     taken_over : (N,) array or None
-        1 in steps in which a person had taken over, -1 in those just before, else 0 (`rpil.results.step_weights`); None
-        where no column says it.
-    traces : dict of id to Traces
-        The parts of the action with most of the evidence, of up to 300 demonstrations (of each task) most worth a look
-        (`rpil.results.judged`); as `sessions`.
+        1 in steps in which a person had taken over, -1 in those just before, else 0; None where no column says it.
     settings : AuditSettings
         Those by which verdicts and weights were given.
-    own_reasons : tuple of str
-        Those of `reasons` that compare with demonstrations that are not in the audit; else empty.
-    rejected_by : tuple of str
-        The rule of `rpil.results.choice.KEEP_RULES` that rejects each demonstration, or ""; empty where none does.
     fps : float or None
         Steps a second, where they are known: then sentences name seconds.
     within : str
@@ -177,10 +163,7 @@ class Audit(AuditResult):
     def to_frame(self, backend: Backend | None = None) -> DataFrame:
         """A data frame with a row for each demonstration, in the order of looking: the first to look at first.
 
-        The columns are those of the verdicts that ``rpil audit --verdicts`` writes: id, verdict, label, said,
-        rejected_by (the rule by which ``rpil keep`` rejects it), rank (the place in the ranking, 1 the most trusted),
-        look (the place in the order of looking), expert_proba (the probability that `vocabulary` names), log_odds and
-        its parts, reliability, n_steps, facts such as fact_session, the reason, and demonstrator if it was given.
+        The columns are those that ``rpil audit --verdicts`` writes, as far as an audit knows them.
 
         Parameters
         ----------
@@ -213,6 +196,3 @@ class Audit(AuditResult):
 
     def __repr__(self) -> str:
         return overview_text(self)
-
-    def _repr_html_(self) -> str:
-        return overview_html(self)

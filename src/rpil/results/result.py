@@ -27,10 +27,6 @@ from rpil.results.vocabulary import SIDES, WORSE
 if TYPE_CHECKING:
     from rpil.faults.rule import Fault
 
-MAX_LOG_ODDS = 1e9
-"""Nats. Infinite log-odds become this, because JSON has no infinity: of steps that an adversary can never take."""
-
-
 NEAR = 9
 """Steps around a step, and this itself, by which the page draws whether it is like those of the trusted."""
 
@@ -95,12 +91,6 @@ class AuditResult(Judged):
         place in the ranking is."""
         verdict, named = self.verdicts[index], (self.vocabulary.upper, self.vocabulary.lower)
         return self.anchor == "named adversary" or (verdict in named and verdict != "open")
-
-    def place(self, index: int) -> str:
-        """The probability of a demonstration where it has a verdict, or else its place in the ranking, as text."""
-        if self.has_proba(index):
-            return f"{self.vocabulary.probability} {self.expert_proba[index]:.2f}"
-        return f"place {self.ranks[index]:,} of {len(self.ids):,}"
 
     def style(self, who: Demonstrator) -> str:
         """The style of a demonstrator in words."""
@@ -239,9 +229,3 @@ class AuditResult(Judged):
             ],
             **({} if self.provenance is None else {"provenance": self.provenance.to_dict()}),
         }
-
-
-def running_mean(values: Float[Array, " N"]) -> Float[Array, " N"]:
-    """Centred running mean over a twentieth of the values, over fewer at both ends."""
-    window = np.ones(max(len(values) // 20, 1))
-    return np.asarray(np.convolve(values, window, "same") / np.convolve(np.ones(len(values)), window, "same"))

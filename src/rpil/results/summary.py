@@ -30,13 +30,14 @@ from rpil.results.answering import (
 from rpil.results.judged import Interval
 from rpil.results.reasons import groups_differ
 from rpil.results.record import Audit
-from rpil.results.result import MAX_LOG_ODDS
 from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import weights_of
-from rpil.results.vocabulary import VOCABULARIES
 
 if TYPE_CHECKING:
     from rpil.mixture.em import MixtureFit
+
+MAX_LOG_ODDS = 1e9
+"""Nats. Infinite log-odds become this: of steps that an adversary can never take."""
 
 IN_SAMPLE_POLICY = (
     "The policy was scored on the steps that it was trained on; this assumes that it cannot memorise actions."
@@ -125,7 +126,7 @@ def audit_from_mixture(
     # A label is as good as certain.
     labelled = data.labels * np.maximum(np.abs(from_actions), settings.min_label_log_odds)
     log_odds = np.where(data.labels == 0, from_actions, labelled)
-    proba = expit(log_odds)
+    proba, least = expit(log_odds), settings.min_verdict_proba
     audit = Audit(
         ids=tuple(ids),
         offsets=np.asarray(data.offsets, dtype=np.int64),
@@ -137,7 +138,7 @@ def audit_from_mixture(
         from_label=log_odds - from_actions,
         expert_proba=proba,
         reliability=proba,
-        verdicts=tuple(VOCABULARIES["named adversary"].verdict(p, settings.min_verdict_proba) for p in proba),
+        verdicts=verdicts_of((proba >= least).astype(int) - (proba <= 1 - least), "named adversary"),
         step_log_ratio=posterior.log_ratio,
         step_weight=data.per_step(proba),
         prior=expert_share,
@@ -173,11 +174,10 @@ def assumption_sentences(
         *audit.doubts,
         *audit.notes,
         sentence_of(audit, audit.answers) if audit.anchor == "answers" else NOT_USED,
-        "A demonstration is good or bad as a whole." if audit.anchor == "named adversary" else "",
-        "" if expert_share is None else f"The share of experts was fixed at {expert_share}.",
-        f"{len(audit.labelled)} labels were taken as certain."
-        if audit.labelled and audit.anchor == "named adversary"
+        "A demonstration is good or bad as a whole, and a label is certain."
+        if audit.anchor == "named adversary"
         else "",
+        "" if expert_share is None else f"The share of experts was fixed at {expert_share}.",
         demonstrators,
     )
     return tuple(filter(None, sentences))

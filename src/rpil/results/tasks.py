@@ -49,7 +49,6 @@ def first_of(audit: Audit, ids: Sequence[Hashable]) -> Audit:
         answers=audit.answers.select(range(size)),
         copy_of=audit.copy_of[:size],
         contradicting=named(audit.contradicting),
-        traces={names[name]: own for name, own in audit.traces.items() if name in names},
     )
 
 
@@ -114,7 +113,6 @@ def join_audits(
         doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
         notes=_joined_notes(audits),
         copy_of=np.asarray(_joined(copies, len(ids), rows, np.arange(len(ids)))),
-        traces={name: own for audit in parts for name, own in audit.traces.items()},
         # Each verdict is that of its task; where tasks differ, the probability is what it is without an anchor.
         anchor=parts[0].anchor if len({audit.anchor for audit in parts}) == 1 else "none",
         settings=parts[0].settings if parts else AuditSettings(),

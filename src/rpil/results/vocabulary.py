@@ -30,12 +30,6 @@ class Vocabulary:
     explanation: str
     """Meaning of the probability, one sentence."""
 
-    def verdict(self, proba: float, min_proba: float) -> Verdict:
-        """The verdict on a demonstration with this probability; either side needs `min_proba`."""
-        if proba >= min_proba:
-            return self.upper
-        return self.lower if proba <= 1 - min_proba else "open"
-
 
 VOCABULARIES: dict[str, Vocabulary] = {
     "none": Vocabulary(
@@ -60,11 +54,8 @@ VOCABULARIES: dict[str, Vocabulary] = {
 }
 """The vocabularies by their anchors."""
 
-SIDES: dict[str, Side] = {
-    **{words.upper: "upper" for words in VOCABULARIES.values() if words.upper != "open"},
-    "open": "open",
-    **{words.lower: "lower" for words in VOCABULARIES.values()},
-}
+SIDES: dict[str, Side] = {"good": "upper", "expert": "upper", "open": "open"}
+SIDES |= dict.fromkeys(("outlier", "bad", "adversary"), "lower")
 """The side of each verdict, whatever the vocabulary."""
 
 WORSE = "worse than "

@@ -1,6 +1,6 @@
 """The segments of demonstrations: acts and their progress, what is done again, idle rows and takeovers.
 
-An act is low that leaves things where others do not leave them (`rpil.segments.destinations`), that the next one does
+An act is low that leaves things where others do not leave them (`progress`), that the next one does
 again, or after which a person takes over. It is named where that is rare: what many do is the way to do it.
 """
 
@@ -16,7 +16,6 @@ from rpil.data.arrays import spans
 from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.segments.cuts import MovedColumns
-from rpil.segments.destinations import progress
 from rpil.segments.idle import idle_rows
 from rpil.segments.kinds import KINDS, Segments
 from rpil.segments.settings import SegmentSettings
@@ -141,3 +140,37 @@ def shortfall(segments: Segments, n: int) -> Float[Array, " M"]:
     known = np.isfinite(segments.score)
     below = np.minimum(segments.score[known] - np.median(segments.score[known]), 0.0) if known.any() else None
     return np.bincount(segments.demonstration[known], below, n).astype(float)
+
+
+def progress(
+    after: Float[Array, "N C"],
+    before: Float[Array, "N C"],
+    moved: Bool[Array, "N C"],
+    demonstration: Int[Array, " N"],
+    settings: SegmentSettings,
+) -> Float[Array, " N"]:
+    """Progress of N acts, sorted by demonstration, in nats: the mean of log f - log g over the columns that each moves.
+
+    f is the density, at the value that it leaves, of the values that acts of other demonstrations leave, and g of those
+    that they take; NaN where fewer than `least_acts` move any of its columns.
+    """
+    total, count = np.zeros(len(after)), np.zeros(len(after))
+    for c in np.flatnonzero(moved.any(axis=0)):
+        own = moved[:, c]
+        at, of = after[own, c], demonstration[own]
+        f, g = (near(at, values[own, c], of, settings.near) + 2 * settings.near for values in (after, before))
+        tells = len(at) - np.bincount(of)[of] >= settings.least_acts
+        total[own] += np.where(tells, np.log(f / g), 0.0)
+        count[own] += tells
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def near(
+    at: Float[Array, " K"], values: Float[Array, " K"], demonstration: Int[Array, " K"], width: float
+) -> Int[Array, " K"]:
+    """How many values of other demonstrations lie within `width` of each of `at`."""
+    ordered, low, high = np.sort(values), at - width, at + width
+    counts = np.searchsorted(ordered, high, side="right") - np.searchsorted(ordered, low)
+    for a, b in pairwise(np.flatnonzero(np.diff(demonstration, prepend=-1, append=-1)).tolist()):
+        counts[a:b] -= ((values[a:b] >= low[a:b, None]) & (values[a:b] <= high[a:b, None])).sum(axis=1)
+    return counts

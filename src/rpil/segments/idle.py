@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
-from rpil.data.arrays import spans
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock
 from rpil.faults.rule import Learned
-from rpil.faults.still import long_runs, resting_rows
+from rpil.faults.still import long_runs, parts, resting_rows
 from rpil.formats.dataset import Dataset
 from rpil.numerics.types import Array, Bool, Float, Int
 
@@ -45,32 +43,34 @@ def idle_rows(demonstrations: Demonstrations | Dataset, rule: Literal["rest", "o
         names = demonstrations.action_names or [""] * demonstrations.n_actions
         own = [a for a, name in enumerate(names) if "gripper" not in name.lower()]
         return np.concatenate([_left_out_by_openpi(block.actions[:, own], block.offsets) for block in blocks])
-    learned, found = Learned.of(demonstrations), list[tuple[Bool[Array, " n"], Array]]()
+    learned, rests, turned = Learned.of(demonstrations), list[Bool[Array, " n"]](), list[Bool[Array, " n"]]()
     measured = learned.columns.number[learned.columns.is_action] - demonstrations.n_observations
     for block in blocks:
         moving = MovingBlock.of(block, np.arange(len(block.offsets) - 1), learned.columns)
         turns = np.asarray(np.diff(np.delete(block.actions, measured, axis=1), axis=0, prepend=0).any(axis=1))
         turns[block.offsets[:-1]] = False
-        rests = resting_rows(moving, learned.tracked.is_command)
-        found += zip(rests, np.split(turns, block.offsets[1:-1]), strict=True)
-    return np.concatenate(_without_waits(found))
+        rests, turned = [*rests, resting_rows(moving, learned.tracked.is_command)], [*turned, turns]
+    return _without_waits(np.concatenate(rests), np.flatnonzero(np.concatenate(turned)), demonstrations.offsets)
 
 
 def _left_out_by_openpi(actions: Float[Array, "T A"], offsets: Int[Array, " _"]) -> Bool[Array, " T"]:
     same = np.append(False, (np.abs(np.diff(actions, axis=0)) < SAME).all(axis=1))
     left_out = np.ones(len(actions), dtype=bool)
     same[offsets[:-1]] = False
-    for begin, end in pairwise(offsets.tolist()):
-        for first, last in spans(~long_runs(same[begin:end], settings.REST_ROWS)):
-            left_out[begin + first : begin + max(last - LAST, first)] = last - first < LEAST_MOVING
+    for first, last in zip(*parts(~long_runs(same, offsets), offsets), strict=True):
+        left_out[first : max(last - LAST, first)] = last - first < LEAST_MOVING
     return left_out
 
 
-def _without_waits(found: list[tuple[Bool[Array, " n"], Bool[Array, " n"]]]) -> list[Bool[Array, " n"]]:
-    """The resting rows without those in which the arm waits for its gripper, as it usually does."""
-    turns = [(rests, n) for rests, turned in found for n in np.flatnonzero(turned).tolist()]
-    ends = [next((b for a, b in spans(rests) if b > n and a < n + settings.REST_ROWS), n) for rests, n in turns]
-    usual = int(np.quantile([end - n for (_, n), end in zip(turns, ends, strict=True)], 0.75)) if turns else 0
-    for (rests, n), end in zip(turns, ends, strict=True):
-        rests[n : end if end - n <= LONG_WAIT * usual else n + usual] = False
-    return [long_runs(rests, settings.REST_ROWS) for rests, _ in found]
+def _without_waits(rests: Bool[Array, " n"], turns: Int[Array, " K"], offsets: Int[Array, " M1"]) -> Bool[Array, " n"]:
+    """The resting rows without those in which the arm waits for its gripper, which `turns`, as it usually does."""
+    if not len(turns):
+        return rests
+    begins, ends = (np.append(of, len(rests)) for of in parts(rests, offsets))
+    run, last = np.searchsorted(ends[:-1], turns, side="right"), offsets[np.searchsorted(offsets, turns, side="right")]
+    ends = np.where(begins[run] < np.minimum(turns + settings.REST_ROWS, last), ends[run], turns)
+    usual = int(np.quantile(ends - turns, 0.75))
+    ends = np.where(ends - turns <= LONG_WAIT * usual, ends, np.minimum(turns + usual, last))
+    for first, end in zip(turns, ends, strict=True):
+        rests[first:end] = False
+    return long_runs(rests, offsets)

@@ -144,7 +144,7 @@ def _actions(policy: Player, observations: Array, env_id: str, space: Space) -> 
     if actions is None:
         raise DataError(
             f"In {env_id} the policy answered {len(observations)} observations with {answer.dtype} of shape "
-            f"{answer.shape}: predict must return {space.expected} for each."
+            f"{answer.shape}: predict must return one finite action of the environment for each."
         )
     return actions
 

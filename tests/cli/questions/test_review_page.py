@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from browser import browsing, needs_chromium
+from browser import needs_chromium
 from rpil.data.id_values import read_answer_rows, read_answers
 from served import need_server, review_of, serving
 
@@ -39,10 +39,9 @@ def address_of(client):
 
 
 @pytest.fixture
-def browser(tmp_path):
-    with browsing(tmp_path / "profile") as browser:
-        yield browser
-        assert browser.errors == []
+def browser(chromium):
+    yield chromium.renew()
+    assert chromium.errors == []
 
 
 def after(browser, version, *keys):

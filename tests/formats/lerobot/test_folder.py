@@ -32,7 +32,7 @@ def dataset(tmp_path):
     pd.DataFrame({"task_index": [1, 0]}, index=TASKS[::-1]).to_parquet(root / "meta" / "tasks.parquet")
     place = root / "meta" / "episodes" / "chunk-000" / "file-000.parquet"
     rows = pq.read_table(place)
-    rows = rows.select([name for name in rows.column_names if not name.startswith("stats/task_index")]).to_pylist()
+    rows = rows.to_pylist()
     rows[1]["data/file_index"] = 1
     pq.write_table(pa.Table.from_pylist(rows), place)
     return root
@@ -61,7 +61,7 @@ def test_episodes_that_are_not_there_are_not_kept(dataset, output, ids):
 
 
 def test_ids_of_a_column_are_not_taken_for_numbers_of_episodes(dataset):
-    with pytest.raises(DataError, match="it is given back by its own ids; leave id= out"):
+    with pytest.raises(DataError, match="keep writes no folder by other ids than its own; write the list"):
         find(dataset).keep(dataset.with_name("kept"), [1], formats.ColumnOptions(id="task_index"))
     assert not dataset.with_name("kept").exists()
 
@@ -112,8 +112,8 @@ def test_a_new_folder_is_consistent(dataset):
     columns = pq.read_table(output / "data")
     for name, found in json.loads((output / "meta" / "stats.json").read_text()).items():
         values = columns[name].to_pylist()
-        for key, value in folders.statistics(values).items():
-            np.testing.assert_allclose(found[key], value, rtol=1e-6, atol=1e-9)
+        for key in ("min", "max", "mean", "std", "count") if "index" not in name else ():
+            np.testing.assert_allclose(found[key], folders.statistics(values)[key], rtol=1e-6, atol=1e-9)
 
 
 def test_lines_of_json_of_version_2(dataset):

@@ -12,8 +12,7 @@ from rpil.data.spaces import Box
 from rpil.mixture.adversaries.box import MarginalBox, UniformBox
 from rpil.mixture.adversaries.named import ADVERSARIES, adversary
 from rpil.mixture.adversaries.protocol import Adversary
-from rpil.policies.linear import linear_policy
-from rpil.policies.protocol import Policy
+from rpil.policies.linear import LinearPolicy, linear_policy
 
 NAMES = tuple(ADVERSARIES["continuous"])
 TOY = make_continuous("noisy", 0)
@@ -21,7 +20,7 @@ PROBLEM = TOY.problem()
 N = len(PROBLEM.actions)
 
 
-def fresh(problem: FitData = PROBLEM) -> Policy:
+def fresh(problem: FitData = PROBLEM) -> LinearPolicy:
     """A policy that has seen no data."""
     return linear_policy(problem.space, ridge(problem), len(problem.actions))
 

@@ -13,14 +13,13 @@ from rpil.data.spaces import Discrete
 from rpil.mixture.adversaries.box import UniformBox
 from rpil.mixture.adversaries.discrete import Confusion, Uniform
 from rpil.mixture.adversaries.named import ADVERSARIES, adversary
-from rpil.policies.linear import linear_policy
-from rpil.policies.protocol import Policy
+from rpil.policies.linear import LinearPolicy, linear_policy
 
 TOY = make_continuous("noisy", 0)
 PROBLEM = TOY.problem()
 
 
-def fresh() -> Policy:
+def fresh() -> LinearPolicy:
     """A policy that has seen no data."""
     return linear_policy(PROBLEM.space, ridge(PROBLEM), len(PROBLEM.actions))
 

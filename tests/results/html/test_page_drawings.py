@@ -9,7 +9,6 @@ import pytest
 
 from audits import make_audit
 from rpil.results.html.page import LEVELS, NO_VALUE, drawings, packed
-from rpil.results.judged import TracedPart, Traces
 
 
 def unpacked(curves, name):
@@ -28,39 +27,13 @@ def test_packed_curves_share_a_scale_and_keep_what_is_missing():
 
 
 def test_drawing_has_the_steps_of_its_demonstration():
-    part = TracedPart("elbow", 0.61234, -321.987654, np.arange(400.0), np.full(400, -1.0), np.full(400, 2000.0))
-    traces = {1: Traces((part,))}
-    audit = make_audit(("open", "outlier"), lengths=[40, 1200], traces=traces)
+    audit = make_audit(("open", "outlier"), lengths=[40, 1200])
     drawn = drawings(audit, [1])["1"]
     ratio, trust = audit.step_log_ratio[40:].reshape(400, 3), audit.step_trust(1).reshape(400, 3)
     level = (ratio.max() - ratio.min()) / LEVELS
     for name, values in (("min", ratio.min(1)), ("mean", ratio.mean(1)), ("max", ratio.max(1))):
         np.testing.assert_allclose(unpacked(drawn["ratio"], name), values, atol=level)
     np.testing.assert_allclose(unpacked(drawn["trust"], "mean"), trust.mean(1), atol=1 / LEVELS)
-    (part,) = drawn["parts"]
-    assert (part["name"], part["share"], part["nats"]) == ("elbow", 0.6123, -321.988)
-    np.testing.assert_allclose(unpacked(part, "value"), np.arange(400.0), atol=2001 / LEVELS)
-    np.testing.assert_allclose(unpacked(part, "high"), 2000, atol=1)
-    assert drawings(audit, [0])["0"]["parts"] == []
-
-
-def test_discrete_actions_are_named():
-    part = TracedPart("action", 1.0, -3.0, np.full(3, 0.5), np.zeros(3), np.ones(3))
-    audit = make_audit(("outlier",), lengths=[3], traces={0: Traces((part,), ("left", "up", "left"))})
-    taken = drawings(audit, [0])["0"]["taken"]
-    assert [taken["names"][code] for code in base64.b64decode(taken["codes"])] == ["left", "up", "left"]
-
-
-def test_of_very_many_discrete_actions_the_most_frequent_are_named():
-    actions = tuple(f"a{k}" for k in (*range(300), *range(100, 200)))
-    part = TracedPart("action", 1.0, -3.0, np.full(400, 0.5), np.zeros(400), np.ones(400))
-    audit = make_audit(("outlier",), lengths=[400], traces={0: Traces((part,), actions)})
-    taken = drawings(audit, [0])["0"]["taken"]
-    codes = base64.b64decode(taken["codes"])
-    assert len(taken["names"]) == NO_VALUE
-    shown = [taken["names"][code] if code < NO_VALUE else None for code in codes]
-    assert all(name in (None, action) for name, action in zip(shown, actions, strict=True))
-    assert None not in shown[100:200]
 
 
 @pytest.mark.parametrize("values", [np.full(3, 4.0), np.full(3, np.nan)])

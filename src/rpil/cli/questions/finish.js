@@ -28,16 +28,12 @@ const makeFinish = ({ ask, part }) => {
     });
     return box;
   };
-  const write = async (more) => {
+  const write = async () => {
     if (isWriting) return;
     isWriting = true;
     try {
-      const done = await ask("/api/finish", { ...asked(), write: true, ...more });
+      const done = await ask("/api/finish", { ...asked(), write: true });
       const place = body.querySelector('[data-role="written"]');
-      if (done.exists) {
-        place.replaceChildren(el("p", {}, done.lines.map(printable).join(" "), " ", el("button", { type: "button", "data-role": "replace", onclick: () => write({ replace: done.exists }) }, "Replace")));
-        return;
-      }
       const files = Object.entries(done.files).map(([title, path]) => el("div", {}, el("dt", {}, title), el("dd", {}, printable(path))));
       const copy = el("button", { type: "button", onclick: () => copyText(done.command, copy) }, "Copy");
       const command = done.command && isLess ? [el("p", {}, "To write the data without those that are rejected:"), el("p", { class: "command" }, el("code", { "data-role": "keep-command" }, printable(done.command)), copy)] : [];
@@ -72,7 +68,7 @@ const makeFinish = ({ ask, part }) => {
       el("p", { "data-role": "counts" }, counts.length ? `Rejected: ${counts.join(", ")}.` : "None is rejected."),
       ...found.notes.map((note) => el("p", {}, printable(note))), ...lists.map(([, box]) => box),
       kinds.length ? el("fieldset", {}, el("legend", {}, "Reject also those whose recording is odd by"), kinds) : "",
-      el("p", { class: "buttons" }, el("button", { type: "button", class: "first", "data-role": "write", onclick: () => write({}) }, "Write files"), el("button", { type: "button", class: "close", onclick: () => dialog.close() }, "Close ", el("kbd", {}, "Esc"))),
+      el("p", { class: "buttons" }, el("button", { type: "button", class: "first", "data-role": "write", onclick: write }, "Write files"), el("button", { type: "button", class: "close", onclick: () => dialog.close() }, "Close ", el("kbd", {}, "Esc"))),
       el("div", { "data-role": "written", role: "status" }));
   };
   const open = async () => {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib.resources import files
@@ -15,8 +15,8 @@ from markupsafe import Markup
 
 from rpil.cli.questions.material import EpisodeVideos, Recorded
 from rpil.cli.questions.security import Application, Gate, guarded_by
-from rpil.cli.questions.session import Session, choices, count_line, opinion_line, question_sentence, warning_lines
-from rpil.data.arrays import check_text
+from rpil.cli.questions.session import Session, choices, question_sentence
+from rpil.data.arrays import check_name
 from rpil.data.errors import DataError, MissingExtraError, optional
 from rpil.data.json_files import Parsed
 from rpil.results.html.page import About, View, drawings, html_environment, make_view, render_page
@@ -27,11 +27,6 @@ if TYPE_CHECKING:
 
     from rpil.data.demonstrations import Demonstrations
     from rpil.formats.dataset import Dataset
-
-
-WHY_PAIR = "Nothing is labelled yet; we ask about these two because the answer helps most."
-WHY_ONE = "We ask about this one because the answer helps most."
-"""Why a question is asked, about two demonstrations or one."""
 
 
 SCRIPTS = "player", "curves", "stage", "notes", "sweep", "finish", "review"
@@ -85,26 +80,16 @@ class Review:
         asked: View = {"demonstrations": [audit.index(name) for name in question]}
         if question:
             asked["sentence"] = question_sentence(audit, question)
-            asked["why"] = WHY_PAIR if len(question) == 2 else WHY_ONE
             asked["buttons"] = choices(question)
         return {
             "version": session.version,
             "asked": asked,
-            "lines": list(self._lines()),
+            "lines": session.lines,
             "changed": [m for m, old in enumerate(session.old.verdicts) if audit.verdicts[m] != old],
             "n_answers": len(session.rows),
             "can_undo": bool(session.given),
             "path": session.path,
         }
-
-    def _lines(self) -> Iterator[str]:
-        """The audit's opinion of one or two that were answered, and what the answer changed."""
-        session = self.session
-        if 0 < len(told := tuple(name for name in session.answered if name not in session.question)) < 3:
-            yield opinion_line(session.old, told)
-        if session.lines:
-            yield count_line(session.audit)
-            yield from warning_lines(session.old, session.audit)
 
     def answer(self, given: Mapping[str, Parsed]) -> View:
         """Answer as a page says it: the numbers of the demonstrations, a key, and perhaps a note."""
@@ -118,7 +103,7 @@ class Review:
         if not isinstance(note, str) or len(note) > MAX_NOTE:
             raise DataError(f"A note is no text of {MAX_NOTE} characters at most; shorten it.")
         if note.strip():
-            check_text(note.strip(), "the note", "the answer")
+            check_name(note.strip(), "the note", "the answer")
         rows = given.get("rows", [])
         are_rows = isinstance(rows, list) and len(rows) == 2 and all(type(row) is int for row in rows)
         if rows != [] and not (are_rows and len(question) == 1 and given["key"] in "gb"):

@@ -19,7 +19,6 @@ from rpil.data.id_values import (
 )
 from rpil.data.text import MAX_IDS, counted, listed, printable
 from rpil.results.answering import where_to_look
-from rpil.results.reasons import in_words
 from rpil.results.vocabulary import in_numbers
 
 if TYPE_CHECKING:
@@ -82,19 +81,19 @@ class Session:
 
     `audit` has all answers, and `lines` say what the last one did. `version` counts the changes, so that two who answer
     can tell whether they saw the same. `said` are the answers in the file about demonstrations of the audit. `old` is
-    the audit before the last change; the last answer was about `answered`.
+    the audit before the last change.
     """
 
     def __init__(self, start: Audit, path: str, before: bytes | None, most: int | None) -> None:
         self.start, self.path, self.before, self.audit = start, path, before, start
         self.version, self.lines = 0, list[str]()
-        self.old, self.answered = start, Question()
+        self.old = start
         self.given: tuple[Reply, ...] = ()
         self.rows: tuple[AnswerRow, ...] = ()
         self.question = next_question(start, start, (), most)
         self._most, self._written = most, before
         ids = {*map(str, start.ids)}
-        rows = [] if before is None else read_answer_rows(path, ids)
+        rows = [] if before is None else read_answer_rows(path)
         self.said = self._before = [row for row in rows if same_question(row.id, row.label) <= ids]
 
     @property
@@ -110,13 +109,10 @@ class Session:
         A `DataError` where the answer contradicts another so that both cannot be written, or the file cannot be
         written; nothing has changed then.
         """
-        lines = self._go_to((*self.given, (question, key, note, *rows)))
-        self.answered = () if key in "us" or rows else question
-        return lines
+        return self._go_to((*self.given, (question, key, note, *rows)))
 
     def undo(self) -> list[str]:
         """Take the last answer of this run back, where there is one; sentences on what that changed."""
-        self.answered = ()
         return self._go_to(self.given[:-1]) if self.given else []
 
     def _go_to(self, given: tuple[Reply, ...]) -> list[str]:
@@ -127,7 +123,7 @@ class Session:
         audit, lines, rows = self.audit, list[str](), tuple(by_question.values())
         if rows != self.rows:
             said = with_new(self._before, rows)
-            labels, pairs = parse_answers(said, "the answers", self.start.ids) if rows else ({}, {})
+            labels, pairs = parse_answers(said, "the answers") if rows else ({}, {})
             marks = {(row.id, row.start, row.end): str(row.label) for row in said if row.is_mark} if rows else {}
             is_told = labels or pairs or marks
             audit = self.start.answered(labels | marks, pairs, instead=True) if is_told else self.start
@@ -145,7 +141,7 @@ class Session:
         if not self.is_as_written:
             raise DataError(f"{path}: another program has changed it; end this run, and start again.")
         if rows or self.before is not None:
-            write_answers(path, self.before, rows, self.audit.ids)
+            write_answers(path, self.before, rows)
             self._written = path.read_bytes()
         else:
             path.unlink(missing_ok=True)
@@ -158,39 +154,15 @@ def question_sentence(audit: Audit, question: Question) -> str:
     return f"Which is better: {where}?" if len(question) == 2 else f"Is it good or bad: {where}?"
 
 
-def fact_lines(audit: Audit, question: Question) -> Iterator[str]:
-    """The facts about the demonstrations of a question."""
-    for name in question:
-        m = audit.index(name)
-        facts = in_words(audit.facts, m)
-        yield f"{printable(name)}: {audit.lengths[m]:,} steps{'; ranks: ' * bool(facts)}{facts}"
-
-
 def change_lines(old: Audit, new: Audit) -> Iterator[str]:
     """Changes by an answer: the number of each verdict, and which demonstrations have another."""
-    yield count_line(new)
+    yield f"Now: {in_numbers(new.verdict_counts())}."
     moved: dict[str, list[Hashable]] = {}
     for name, before, word in zip(new.ids, old.verdicts, new.verdicts, strict=True):
         if before != word:
             moved.setdefault(word, []).append(name)
     lists = "; ".join(f"{word}: {listed(ids, MAX_IDS)}" for word, ids in moved.items())
     yield f"Now called {lists}." if moved else "No verdict changed."
-    yield from warning_lines(old, new)
-
-
-def count_line(audit: Audit) -> str:
-    """The number of each verdict."""
-    return f"Now: {in_numbers(audit.verdict_counts())}."
-
-
-def opinion_line(old: Audit, answered: Question) -> str:
-    """The audit's opinion of demonstrations before they were answered, which it did not say then."""
-    said = (f"{printable(old.ids[m])} {old.verdicts[m]}, place {old.ranks[m]:,}" for m in map(old.index, answered))
-    return f"Before your answer the audit had: {'; '.join(said)} of {len(old.ids):,}."
-
-
-def warning_lines(old: Audit, new: Audit) -> Iterator[str]:
-    """Contradictions of the answers after the last one."""
     yield from (doubt for doubt in new.doubts if new.anchor == "answers")
     yield from contradiction_lines(old.contradicting, new)
 

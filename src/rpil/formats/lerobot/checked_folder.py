@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,8 +20,6 @@ from rpil.data.files import new_folder
 from rpil.data.folders import check_inside, copy_folder
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed
-from rpil.data.memory import check_memory
-from rpil.formats import table as flat
 from rpil.formats.format import Shot
 from rpil.formats.meta_folder import MetaFolder, cameras, chunk_size, fill, frame_rate
 from rpil.formats.metadata import usual_step
@@ -37,8 +35,6 @@ ColumnStatistics = Mapping[str, Parsed]
 ByFeature = dict[str, ColumnStatistics]
 """Statistics of each feature."""
 
-MOMENTS: dict[str, Callable[..., Array]] = {"min": np.min, "max": np.max, "mean": np.mean, "std": np.std}
-
 
 def joined_stats(episodes: Sequence[ColumnStatistics]) -> dict[str, Parsed]:
     """Join the statistics of episodes, by their counts: of quantiles the mean, as LeRobot has it."""
@@ -49,35 +45,11 @@ def joined_stats(episodes: Sequence[ColumnStatistics]) -> dict[str, Parsed]:
     def average(of_each: Array) -> Array:
         return np.asarray(np.average(of_each, axis=0, weights=counts))
 
-    found = {name: (MOMENTS[name](x, axis=0) if name in ("min", "max") else average(x)) for name, x in values.items()}
+    by_name = {"min": np.min, "max": np.max}
+    found = {name: by_name[name](x, axis=0) if name in by_name else average(x) for name, x in values.items()}
     if "std" in found:
         found["std"] = np.sqrt(average(values["std"] ** 2 + (values["mean"] - found["mean"]) ** 2))
     return {"count": [int(counts.sum())], **{name: numbers.tolist() for name, numbers in found.items()}}
-
-
-def stats_of_data(data: Path, like: Mapping[str, ColumnStatistics]) -> ByFeature:
-    """Statistics of the columns of numbers in a folder's Parquet files that `like` names, which says what each has.
-
-    Numbers are added in the order of the rows, as LeRobot does.
-    """
-    files = sorted(data.rglob("*.parquet"))
-    kinds = {field.name: flat.kind_of_type(field.type) for field in pq.read_schema(files[0])}
-    found: ByFeature = {}
-    for name in like:  # of which one is in memory
-        tables: list[pa.Table] = []
-        for file in files if kinds.get(name, "nested") != "nested" else ():
-            tables.append(read_table(file, [name]))
-            check_memory(sum(table.nbytes for table in tables), f"{data}, column {name!r}")
-        column = pa.concat_tables(tables, promote_options="permissive")[name] if tables else None
-        numbers = None if column is None else flat.numbers_or_missing(column)
-        if numbers is not None:
-            columns = np.asarray(numbers.T, dtype=np.float64)
-            own = {what: compute(columns, axis=1) for what, compute in MOMENTS.items() if what in like[name]}
-            quantiles = [what for what in like[name] if what[:1] == "q" and what[1:].isdigit()]
-            own |= {what: np.quantile(columns, int(what[1:]) / 100, axis=1) for what in quantiles}
-            lists = {what: values.tolist() for what, values in own.items()}
-            found[name] = {**like[name], **lists, "count": [len(numbers)]}
-    return found
 
 
 INFO, STATS, EPISODES_STATS = "meta/info.json", "meta/stats.json", "meta/episodes_stats.jsonl"
@@ -132,20 +104,16 @@ class CheckedFolder(MetaFolder):
         fps, has_videos = frame_rate(self.info.get("fps")), bool(cameras(self.info, "video"))
         for m, own in zip(numbers.tolist(), of_each, strict=True):
             first = table["index"][int(own[0])].as_py() if "index" in columns else -1
-            timing, times, frames = (
-                (0.0, 0.0, 0.0),
-                None if all_times is None else all_times[own, 0],
-                np.arange(len(own)),
-            )
-            if fps is not None and times is not None:
+            timing, frames = (0.0, 0.0, 0.0), np.arange(len(own))
+            if fps is not None and all_times is not None:
+                times = all_times[own, 0]
                 if str(self.info.get("codebase_version")).startswith("v2"):  # which may begin within a video
                     frames = frames + np.rint(times[0] * fps)
                 gaps = times - frames / fps if has_videos else np.diff(times) - 1 / fps
                 off = float(np.abs(gaps).max(initial=0.0))
-                is_near = off <= NEAR_SECONDS
-                timing = (
-                    (float(times[0]), 0.0, 0.0) if is_near else (0.0, off, 1.0 / (usual_step(np.diff(times)) or np.inf))
-                )
+                timing = float(times[0]), 0.0, 0.0
+                if not off <= NEAR_SECONDS:
+                    timing = 0.0, off, 1.0 / (usual_step(np.diff(times)) or np.inf)
             found[m] = EpisodeRows(len(own), first, place, *timing)
         return found
 

@@ -11,28 +11,14 @@ import numpy as np
 
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.guard import guarded
-from rpil.data.json_files import read_json
 from rpil.data.text import duration
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot import video
-from rpil.formats.lerobot.checked_folder import (
-    EPISODES_STATS,
-    INFO,
-    MOMENTS,
-    NEAR_SECONDS,
-    PATHS,
-    STATS,
-    CheckedFolder,
-    stats_of_data,
-)
+from rpil.formats.lerobot.checked_folder import EPISODES_STATS, INFO, NEAR_SECONDS, PATHS, CheckedFolder
 from rpil.formats.lerobot.video import load_av
 from rpil.formats.meta_folder import cameras, fill, frame_rate
-from rpil.formats.scan import commas, parts_in_words
+from rpil.formats.scan import parts_in_words
 from rpil.numerics.types import Array
-
-TOLERANCE, SHARES = 1e-3, (1e-5, 1e-3)
-"""Standard deviations, and shares of the largest value, the second for a standard deviation, by which a statistic may
-differ: LeRobot subtracts squares of short floats."""
 
 
 def find_shots(path: Path) -> list[Shot]:
@@ -45,7 +31,7 @@ def find_defects(path: Path, look: bool) -> list[Defect]:
     """Find what of a folder does not agree with its data; `look` decodes the videos, which takes a while."""
     folder = CheckedFolder(path)
     found: dict[Defect, None] = {}
-    for rule in (_in_times, _in_totals, _in_numbers, _in_episodes, _in_statistics, partial(_in_videos, look=look)):
+    for rule in (_in_times, _in_totals, _in_numbers, _in_episodes, partial(_in_videos, look=look)):
         try:
             with guarded(path / "meta"):
                 found |= dict.fromkeys(rule(folder))
@@ -56,19 +42,19 @@ def find_defects(path: Path, look: bool) -> list[Defect]:
 
 def _in_times(folder: CheckedFolder) -> Iterator[Defect]:
     """Episodes with times that LeRobot does not find in a video, or of other frames a second."""
-    wrong = {m: rows for m, rows in folder.data.items() if rows.off}
-    if wrong:
+    if wrong := {m: rows for m, rows in folder.data.items() if rows.off}:
         fps, off = float(folder.info["fps"]), np.max([rows.off for rows in wrong.values()])
-        recorded = np.median([rows.fps for rows in wrong.values()])
-        why = f"declared are {fps:.3g} frames a second, recorded {recorded:.3g}; timestamps are up to {off:.3g} s off"
-        why = why if recorded else "times do not rise"
-        why = "a timestamp is no number" if np.isnan(off) else why
-        loads = f"{why}; LeRobot loads these rows all the same, for they have no videos"
-        said = f"LeRobot cannot load these rows: {why}" if cameras(folder.info, "video") else loads
-        remedy = f"write frame_index / {fps:.6g} in their place"
+        why = "a timestamp is no number" if np.isnan(off) else "times do not rise"
+        if not np.isnan(off) and (recorded := np.median([rows.fps for rows in wrong.values()])):
+            why = (
+                f"declared are {fps:.3g} frames a second, recorded {recorded:.3g}; timestamps are up to {off:.3g} s off"
+            )
+        said = f"LeRobot cannot load these rows: {why}"
+        if not cameras(folder.info, "video"):
+            said = f"{why}; LeRobot loads these rows all the same, for they have no videos"
         is_all = len(wrong) == len(folder.data)
         place = f"all {len(wrong)} episodes" if is_all else parts_in_words(wrong, "episode", [])
-        yield Defect("timestamps", place, f"{said}; {remedy}")
+        yield Defect("timestamps", place, f"{said}; write frame_index / {fps:.6g} in their place")
 
 
 def _in_videos(folder: CheckedFolder, look: bool) -> Iterator[Defect]:
@@ -125,25 +111,6 @@ def _in_numbers(folder: CheckedFolder) -> Iterator[Defect]:
         said = f"{shown} {'is' if len(gaps) == 1 else 'are'} missing of 0-{max(folder.data)}"
         remedy = f"LeRobot looks for episodes and videos by position; number the {n} that are there from 0 to {n - 1}"
         yield Defect("missing episodes", "data", f"{said}; {remedy}, as rpil keep does")
-
-
-def _in_statistics(folder: CheckedFolder) -> Iterator[Defect]:
-    place = folder.path / STATS
-    if not place.is_file() or folder.data.keys() != folder.episodes.keys():
-        return
-    left_out = {*cameras(folder.info, "image", "video")}  # of whose pictures rpil computes none
-    left_out |= {"timestamp"} if any(rows.off for rows in folder.data.values()) else set()
-    said = {name: one for name, one in read_json(place).items() if name not in left_out}
-    for name, found in stats_of_data(folder.path / "data", dict.fromkeys(said, MOMENTS)).items():
-        names = [what for what in ("min", "max", "mean", "std") if what in said[name]]
-        largest = np.max([np.abs(found[what]) for what in names], axis=0) if names else 0.0
-        for what in names:
-            slack = TOLERANCE * np.asarray(found.get("std", 0.0)) + SHARES[what == "std"] * largest + 1e-9
-            here, data = np.ravel(said[name][what]), np.ravel(found[what])
-            if here.shape != data.shape or not (np.abs(here - data) <= slack).all():
-                numbers = (commas([f"{number:.6g}" for number in values], 3) for values in (here, data))
-                yield Defect("statistics", STATS, "{} of {} is {}; of the data {}".format(what, name, *numbers))
-                break
 
 
 DARK = 32  # brightness, of 0 to 255, that no pixel of a black frame exceeds

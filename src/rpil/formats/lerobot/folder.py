@@ -26,8 +26,16 @@ from rpil.data.names import quoted
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, Shot
-from rpil.formats.lerobot import checked_folder
-from rpil.formats.lerobot.checked_folder import EPISODES_STATS, INFO, PATHS, STATS, ByFeature, CheckedFolder
+from rpil.formats.lerobot.checked_folder import (
+    EPISODES_STATS,
+    INFO,
+    PATHS,
+    STATS,
+    ByFeature,
+    CheckedFolder,
+    annotate,
+    joined_stats,
+)
 from rpil.formats.lerobot.defects import find_defects, find_shots
 from rpil.formats.meta_folder import cameras, chunk_size, fill
 from rpil.formats.parquet import keep_rows
@@ -224,20 +232,14 @@ def _write(kept: Kept) -> None:
 
 
 def _write_statistics(kept: Kept, by_episode: Sequence[ByFeature], gone: Sequence[str]) -> None:
-    """Write the statistics of all features that the file of statistics has, by the new data, or else by episode."""
+    """Write the statistics of all features that ``meta`` has by episode, joined as LeRobot joins them."""
     place = kept.new / STATS
     if not place.is_file():
         return
     old = {name: one for name, one in read_json(place).items() if name not in gone}
-    found = checked_folder.stats_of_data(kept.new / "data", old)
-    common = set.intersection(*map(set, by_episode)) if by_episode else set()
-    found |= {
-        name: checked_folder.joined_stats([own[name] for own in by_episode])
-        for name in old
-        if name in common - found.keys()
-    }
-    left = [name for name in old if name not in found]
-    if left:
+    common = set.intersection(*map(set, by_episode)) if by_episode else set[str]()
+    found = {name: joined_stats([own[name] for own in by_episode]) for name in old if name in common}
+    if left := [name for name in old if name not in found]:
         message = f"{kept.old.path}: the statistics of {quoted(left, 5)} are still those of all episodes, because the "
         warnings.warn(f"{message}recording does not say them by episode.", stacklevel=1)
     place.write_text(json.dumps(old | found, indent=4), encoding="utf-8")
@@ -248,9 +250,9 @@ FORMAT = Format(
     claims=claims,
     read=table_folder.read,
     keep=keep,
-    has_own_ids=True,
+    unkept=lambda _, options: "folder by other ids than its own" if options.id else "",
     check_output=check_output,
     find_defects=find_defects,
-    annotate=checked_folder.annotate,
+    annotate=annotate,
     shots=find_shots,
 )

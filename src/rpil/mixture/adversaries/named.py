@@ -13,10 +13,10 @@ from rpil.mixture.adversaries.box import MarginalBox, UniformBox
 from rpil.mixture.adversaries.discrete import Complement, Confusion, Constant, Marginal, Uniform
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.numerics.types import Array, Float
-from rpil.policies.protocol import Actions, Outputs, Policy
+from rpil.policies.linear import Actions, LinearPolicy, Outputs
 
 
-@stored()
+@stored
 @dataclass(frozen=True, eq=False)
 class OwnPolicy(Adversary):
     """psi is another policy of the kind of pi (option 2), such as softmax(phi(s)^T Psi)_k.
@@ -24,7 +24,7 @@ class OwnPolicy(Adversary):
     Expert and adversary have the same model, so labels, the prior or the start must say which of the two is the expert.
     """
 
-    policy: Policy
+    policy: LinearPolicy
     name: str = "own policy"
 
     def log_prob(self, features: Float[Array, "N D"], outputs: Outputs, actions: Actions) -> Float[Array, " N"]:
@@ -58,7 +58,7 @@ ADVERSARIES: dict[str, dict[str, Callable[..., Adversary]]] = {
 """Kind of actions -> name -> the unfitted adversary, given the space of actions and an unfitted policy."""
 
 
-def adversary(which: str | Adversary, space: Space, policy: Policy) -> Adversary:
+def adversary(which: str | Adversary, space: Space, policy: LinearPolicy) -> Adversary:
     """The unfitted adversary called `which`, or `which` itself where it is an adversary; `policy` is unfitted.
 
     A `DataError` where none has that name for such actions, or a confusion matrix has another number of actions.

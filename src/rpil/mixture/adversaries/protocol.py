@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 
 from rpil.data.fit_data import FitData
 from rpil.numerics.types import Array, Float
-from rpil.policies.protocol import Actions, Outputs
+from rpil.policies.linear import Actions, Outputs
 
 
 @runtime_checkable

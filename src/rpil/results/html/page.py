@@ -6,7 +6,7 @@ import base64
 import hashlib
 import json
 import os
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Hashable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import cache
@@ -16,25 +16,23 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from rpil.data.files import replacing
+from rpil.data.json_files import finite
 from rpil.data.text import MAX_IDS, counted, printable
 from rpil.faults.report import RULES, FaultReport
 from rpil.faults.set_table import SetTable
 from rpil.inference.findings import DECIDED
 from rpil.numerics.types import Array, Int
-from rpil.results.answering import NEXT_STEPS, looking_order, stretch_of
+from rpil.results.answering import looking_order, stretch_of
 from rpil.results.choice import choose
 from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
 from rpil.results.overview import headline
 from rpil.results.reasons import TWO_GROUPS
-from rpil.results.result import MAX_LOG_ODDS, AuditResult
+from rpil.results.result import AuditResult
 from rpil.results.vocabulary import SIDES, numbered
 from rpil.segments.kinds import KINDS, Segments
 
 MAX_FOUND, MAX_FIRST = 20_000, 8
 """Recording faults of a view, the worst, and the demonstrations with one that are shown first."""
-
-DECIMALS_SHOWN = 9
-"""Digits of probabilities and shares."""
 
 LEVELS = 254
 """Between the lowest and the highest value of a curve; a byte has one more, which stands for no value."""
@@ -66,7 +64,6 @@ class About:
     demonstrators: Mapping[str, str] = field(default_factory=dict)
     segments: Segments | None = None
     lerobot: bool = False
-    hub: str = ""
 
 
 def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
@@ -98,9 +95,7 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         the worst first), first (the worst of some demonstrations, numbers of found).
     drawings
         By number as text. In P points, of which point k begins at step ``k * n_steps // P``: ratio (min, mean, max of
-        the log-ratios), trust (mean of the trust in the steps), parts with most of the evidence (name, share of the
-        evidence, nats, value, low and high of what the rest do there), and of discrete actions taken (names, codes).
-        Curves are packed by `packed`.
+        the log-ratios), and trust (mean of the trust in the steps). Curves are packed by `packed`.
     """
     order, n_review = looking_order(audit)
     places, counts = {name: m for m, name in enumerate(audit.ids)}, audit.verdict_counts()
@@ -113,7 +108,7 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         "pair": [places[name] for name in audit.pair] if audit.question else [],
         "contradicting": [places[name] for name in audit.contradicting],
         "answers": _answers(audit),
-        "demonstrations": _columns(audit, about, order),
+        "demonstrations": _columns(audit, about),
         "whole_ids": all(isinstance(name, int) for name in audit.ids),
         "n_review": n_review,
         "faults": _faults(places, about.faults),
@@ -123,7 +118,6 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         ],
         "fps": audit.fps,
         "lerobot": about.lerobot,
-        "hub": about.hub,
         "provenance": {} if audit.provenance is None else audit.provenance.to_dict(),
         "drawings": drawings(audit, order[:drawn]),
     }
@@ -149,40 +143,26 @@ def _answers(audit: AuditResult) -> list[list[object]]:
     return given + [[a, f"{word} {audit.ids[b]}"] for word, pairs in compared.items() for a, b in pairs.tolist()]
 
 
-def _columns(audit: AuditResult, about: About, order: Sequence[int]) -> View:
+def _columns(audit: AuditResult, about: About) -> View:
     """The columns of the demonstrations."""
     letters = {name: letter for letter, members in audit.groups.items() for name in members}
-    names, facts, table = list(map(str, audit.ids)), audit.facts, audit.table(about.demonstrators, about.tasks)
-    kept = {*choose(table).kept}
-    parts = {name: _significant(part) for name, part in audit.evidence.items() if part.any()}
+    names, facts, table = list(map(str, audit.ids)), dict(audit.facts), audit.table(about.demonstrators, about.tasks)
+    kept, parts = {*choose(table).kept}, {name: part.tolist() for name, part in audit.evidence.items() if part.any()}
+    as_in_table = "verdict", "rank", "n_steps", "reason", "task", "demonstrator", "log_odds", "reliability"
     return {
         "id": names,
-        **{name: list(table[name]) for name in ("verdict", "rank", "n_steps", "reason", "task", "demonstrator")},
-        "log_odds": _significant(audit.log_odds),
-        "p": [
-            round(p, DECIMALS_SHOWN) if audit.has_proba(m) else None for m, p in enumerate(audit.expert_proba.tolist())
-        ],
+        **{name: list(table[name]) for name in as_in_table},
+        "p": [p if audit.has_proba(m) else None for m, p in enumerate(audit.expert_proba.tolist())],
         "evidence": parts if len(parts) > 1 else {},
-        "reliability": audit.reliability.round(DECIMALS_SHOWN).tolist(),
         "worst": [audit.worst_steps(m) for m in range(len(names))],
         "stretch": [stretch_of(audit, m) for m in range(len(names))],
-        "look": np.argsort(order).tolist(),
+        "look": (np.array(table["look"]) - 1).tolist(),
         "group": [letters.get(name, "") for name in audit.ids],
-        "session": list(map(str, facts.get("session", [""] * len(names)))),
-        "order": list(facts.get("order", ())),
-        "facts": {
-            name: [value if isinstance(value, str) else round(float(value), 3) for value in values]
-            for name, values in facts.items()
-            if name not in ("session", "order")
-        },
+        "session": list(map(str, facts.pop("session", [""] * len(names)))),
+        "order": list(facts.pop("order", ())),
+        "facts": facts,
         "kept": [name in kept for name in audit.ids],
     }
-
-
-def _significant(values: Array) -> list[float]:
-    """Numbers with few digits; infinite ones as large as an audit's may be, because JSON has no infinity."""
-    bounded = np.nan_to_num(values, posinf=MAX_LOG_ODDS, neginf=-MAX_LOG_ODDS).tolist()
-    return [significant(value) for value in bounded]
 
 
 def _faults(places: Mapping[Hashable, int], report: FaultReport) -> View:
@@ -215,19 +195,9 @@ def _drawn(audit: AuditResult, m: int) -> dict[str, object]:
     ratio, trust = audit.log_ratio(m), audit.step_trust(m)
     starts = bin_starts(len(ratio))
     extremes = {"min": np.minimum.reduceat(ratio, starts), "max": np.maximum.reduceat(ratio, starts)}
-    traces = audit.traces.get(audit.ids[m])
-    taken = traces.taken if traces else ()
-    names = sorted(name for name, _ in Counter(taken).most_common(NO_VALUE))  # a byte tells no more apart
-    codes = dict(zip(names, range(len(names)), strict=True))
     return {
         "ratio": packed({**extremes, "mean": bin_means(ratio)}),
         "trust": packed({"mean": bin_means(trust)}, (0.0, 1.0)),
-        "taken": {"names": names, "codes": _as_text(np.array([codes.get(one, NO_VALUE) for one in taken]))},
-        "parts": [
-            {"name": part.name, "share": round(part.share, 4), "nats": significant(part.nats)}
-            | packed({"value": part.value, "low": part.low, "high": part.high})
-            for part in (traces.parts if traces else ())
-        ],
     }
 
 
@@ -270,20 +240,11 @@ def html_environment(package: str, folder: str) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    jinja.filters |= {"percent": format_percent, "count": counted, "numbered": numbered, "plain": _plain}
-    jinja.filters |= {"hash": _csp_hash, "data": _as_data}
+    jinja.filters |= {"count": counted, "numbered": numbered, "plain": _plain, "hash": _csp_hash, "data": _as_data}
+    jinja.filters["percent"] = lambda share: f"{100 * share:.0f} %"
     # Scripts and styles are no templates: braces mean something else there.
     jinja.globals["asset"] = lambda name: Markup(loader.get_source(jinja, name)[0])
     return jinja
-
-
-def format_percent(share: float) -> str:
-    """A share in whole percent; only exactly 0 and 1 become 0 % and 100 %."""
-    if 0 < share < 0.005:
-        return "<1 %"
-    if 0.995 < share < 1:
-        return ">99 %"
-    return f"{100 * share:.0f} %"
 
 
 def _csp_hash(code: str) -> Markup:
@@ -294,7 +255,7 @@ def _csp_hash(code: str) -> Markup:
 
 def _as_data(value: object) -> Markup:
     """JSON for a script element that holds data: in ASCII, and without the characters that could end the element."""
-    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    text = json.dumps(finite(value), allow_nan=False, separators=(",", ":"))
     return Markup(text.translate(_UNSAFE_IN_SCRIPT))  # it has no character that HTML knows
 
 
@@ -313,11 +274,11 @@ def render_page(audit: AuditResult, about: About, sections: Sections = (), live:
     """
     template = html_environment("rpil.results", "html").get_template("page.html")
     view, top, script = live or (make_view(audit, about), Markup(""), Markup(""))
-    sentence, next_step = headline(audit, 0 if live else MAX_IDS), NEXT_STEPS[audit.finding]
+    sentence = headline(audit, 0 if live else MAX_IDS)
     decided = audit.finding in DECIDED or {*audit.verdicts} != {"open"}
     given = {"audit": audit, "about": about, "view": view, "sections": sections, "top": top, "live": script}
     differ = [note for note in audit.notes if TWO_GROUPS in note]
-    return template.render(**given, sentence=sentence, next_step=next_step, decided=decided, differ=differ)
+    return template.render(**given, sentence=sentence, decided=decided, differ=differ)
 
 
 def write_page(path: str | os.PathLike[str], audit: AuditResult, about: About, sections: Sections = ()) -> None:

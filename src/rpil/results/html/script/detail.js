@@ -1,18 +1,13 @@
 // The panel of one demonstration: why it has its verdict, where to look, its facts, and its steps drawn.
-const VISUALIZER = "https://huggingface.co/spaces/lerobot/visualize_dataset";
 const RANK_WORDS = { length: "length", pauses: "pauses", smoothness: "smoothness", path: "length of its path" };
 
 const makeDetail = (model, place, act) => {
   const { d, view, names, found } = model;
   let charts = [], shown = null;
 
-  // A step, as a link where the data are on the hub, or else a button that copies where it is.
+  // A step, as a button that copies where it is.
   const where = (m, step) => {
     const time = view.fps ? (step / view.fps).toFixed(1) : null, label = `${step}${time === null ? "" : ` (${time} s)`}`;
-    if (view.lerobot && view.hub && time !== null) {
-      const path = encodeURIComponent(`/${view.hub}/episode_${d.id[m]}`);
-      return el("a", { href: `${VISUALIZER}?path=${path}&episode=${encodeURIComponent(d.id[m])}&t=${time}`, rel: "noreferrer", target: "_blank" }, label);
-    }
     const text = `${view.lerobot ? "episode" : "demonstration"}=${names[m]}, ${time === null ? `step=${step}` : `t=${time} s`}`;
     const button = el("button", { type: "button", class: "step", title: `Copy “${text}”`, onclick: () => copyText(text, button) }, label);
     return button;
@@ -43,8 +38,8 @@ const makeDetail = (model, place, act) => {
       box.append(el("p", { class: "muted" }, `No drawing: only the ${Object.keys(view.drawings).length} that most need a look have one.`));
       return;
     }
-    const said = (step, more = "") => {
-      readout.textContent = step === null ? `${view.fps ? "seconds" : "steps"} from its start` : `step ${step}${view.fps ? `, ${model.seconds(step)}` : ""}${more}`;
+    const said = (step) => {
+      readout.textContent = step === null ? `${view.fps ? "seconds" : "steps"} from its start` : `step ${step}${view.fps ? `, ${model.seconds(step)}` : ""}`;
     };
     said(null);
     charts = stepCharts(model, m, drawing, box, said, act.seek);
@@ -63,7 +58,6 @@ const makeDetail = (model, place, act) => {
       view.contradicting.includes(m) ? el("p", {}, el("strong", {}, "Its label contradicts the other answers; look again.")) : "",
       d.worst[m].length ? el("p", {}, "Steps that differ most: ", list(d.worst[m].map((step) => where(m, step))), ".") : "",
     ];
-    const bands = view.drawings[m]?.parts.length ? el("p", { class: "readout muted" }, `Bands: 5 to 95 % of the others ${view.drawings[m].taken.codes ? "in all their steps" : "in the same states"}.`) : "";
     const verdict = () => [el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m]),
       el("span", { class: "muted" }, `${d.p[m] === null ? `place ${d.rank[m].toLocaleString("en")} of ${model.size.toLocaleString("en")}` : `${view.probability} ${percent(d.p[m])}`}, score ${number(d.log_odds[m])}`, parts ? ` (${parts})` : "")];
     place.replaceChildren(
@@ -76,7 +70,7 @@ const makeDetail = (model, place, act) => {
       live ? live.said(model, m) : "",
       ...said,
       model.faults[m].length ? el("ul", { class: "own-faults" }, model.faults[m].map((k) => el("li", {}, el("strong", {}, found.rule[k]), `: ${printable(found.sentence[k])}`))) : "",
-      ...(model.isOpen(m) ? [] : [drawn, view.drawings[m] ? readout : "", bands]),
+      ...(model.isOpen(m) ? [] : [drawn, view.drawings[m] ? readout : ""]),
       el("table", { class: "own-facts" }, el("tbody", {}, named(m).map(([name, text]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", { colspan: 2 }, printable(text)))), facts(m))));
     drawCharts(m, drawn, readout);
   };

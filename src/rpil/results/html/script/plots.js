@@ -20,9 +20,7 @@ const stepCharts = (model, m, drawing, place, readout, seek) => {
   const { d, view } = model, colours = palette(), n = d.n_steps[m], bins = atob(drawing.trust.mean).length;
   const first = Array.from({ length: bins }, (_, k) => Math.floor((k * n) / bins));
   const unit = view.fps || 1, x = first.map((start) => start / unit);
-  // What the pointer is at, and for actions that are classes, which was taken.
-  const taken = atob(drawing.taken.codes);
-  const say = (k) => readout(k === null ? null : first[k], k === null || !taken ? "" : `, took ${printable(drawing.taken.names[taken.charCodeAt(k)] ?? "another")}`);
+  const say = (k) => readout(k === null ? null : first[k]);
   const stretch = d.stretch[m], worst = d.worst[m].map((step) => step / unit);
   // Where to look: the worst steps in a row as a stripe, each of the worst as a mark at the foot.
   const marks = (u) => {
@@ -34,7 +32,7 @@ const stepCharts = (model, m, drawing, place, readout, seek) => {
     for (const step of worst) ctx.fillRect(at(step) - 1, bbox.top + bbox.height - 7, 2.5, 7);
     ctx.restore();
   };
-  const one = (title, x, curves, band, range, height) => {
+  const one = (title, curves, band, range, height) => {
     const box = el("div", { class: "chart" });
     place.append(el("figure", {}, el("figcaption", {}, title), box));
     const data = [x, ...curves.map((own) => own.values)];
@@ -50,20 +48,14 @@ const stepCharts = (model, m, drawing, place, readout, seek) => {
     made.over.addEventListener("click", () => { if (made.cursor.idx !== null) seek(first[made.cursor.idx]); });
     return made;
   };
-  const edge = curve(shade(colours.upper, 0.5), 0.7);
-  const charts = drawing.parts.map((part) => one(
-    `${taken ? "Probability of the action taken" : printable(part.name)}: ${percent(part.share)} of the evidence`,
-    x,
-    [{ values: unpack(part, "value"), style: curve(colours.ink, 1.7) }, { values: unpack(part, "low"), style: edge }, { values: unpack(part, "high"), style: edge }],
-    shade(colours.upper, 0.18), undefined, 130));
   const ratio = drawing.ratio;
-  charts.push(one("Evidence of the steps; below 0 they differ from most others", x,
+  const evidence = one("Evidence of the steps; below 0 they differ from most others",
     [{ values: first.map(() => 0), style: curve(colours.muted, 1) }, { values: unpack(ratio, "mean"), style: curve(colours.ink, 1.7) },
       { values: unpack(ratio, "min"), style: curve(shade(colours.open, 0.4), 0.5) }, { values: unpack(ratio, "max"), style: curve(shade(colours.open, 0.4), 0.5) }],
-    shade(colours.open, 0.25), undefined, 130));
-  charts.push(one("How far the steps are like the rest", x,
-    [{ values: unpack(drawing.trust, "mean"), style: { ...curve(colours.upper), fill: shade(colours.upper, 0.15) } }], null, [0, 1], 84));
-  return charts;
+    shade(colours.open, 0.25), undefined, 130);
+  const likeness = one("How far the steps are like the rest",
+    [{ values: unpack(drawing.trust, "mean"), style: { ...curve(colours.upper), fill: shade(colours.upper, 0.15) } }], null, [0, 1], 84);
+  return [evidence, likeness];
 };
 
 const shapes = {

@@ -1,0 +1,165 @@
+"""The outside worlds: what they record repeats, the truth is true, and what is driven follows the weights."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from rpil_outside.learners import fit
+from rpil_outside.world import World
+from rpil_outside.worlds import WORLDS, early_release, intersection, overcooked, push2d
+
+PLAIN = ("push2d", "intersection", "early_release")
+"""They need NumPy alone."""
+
+
+def installed(name: str) -> World:
+    world = WORLDS[name]
+    missing = [module for module in world.needs if find_spec(module) is None]
+    if missing:
+        pytest.skip(f"{missing[0]} is not installed: pip install -e 'benchmarks/outside[{name}]'")
+    if name == "overcooked" and not overcooked.folder().is_dir():
+        pytest.skip("the recorded trials are not here; RPIL_DATA names their folder")
+    return world
+
+
+@pytest.mark.parametrize("name", WORLDS)
+def test_world_says_where_it_comes_from(name: str) -> None:
+    world = WORLDS[name]
+    assert isinstance(world, World)
+    assert world.name == name
+    assert all((world.source, world.licence, world.published))
+    assert world.whole > 0
+    assert len(set(world.cells)) == len(world.cells) > 0
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_same_seed_same_bits(name: str) -> None:
+    check_bits(WORLDS[name], WORLDS[name].cells[-1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in WORLDS if name not in PLAIN])
+def test_same_seed_same_bits_in_a_simulator(name: str) -> None:
+    world = installed(name)
+    check_bits(world, world.cells[2])
+
+
+def test_overcooked_is_cooked_and_seen_as_recorded() -> None:
+    installed("overcooked")
+    game = overcooked.Kitchen("cramped_room")
+    arrays, about = overcooked.trials("cramped_room")
+    seen = game.seen(0)
+    alike = (arrays["observations"][:, :10] == seen[:10]).all(axis=1) & (arrays["observations"][:, 10] == seen[10])
+    ways = [k for k, name in enumerate(about["feature_names"]) if name.startswith("none_")]
+    assert alike.any()
+    assert (arrays["observations"][alike][:, ways] == seen[ways]).all()
+    onions, dish, serve = "NWIENI" + 2 * "WIENI", "WSSINEN", "SESI"
+    for key in onions + dish + overcooked.COOKING * "N" + "I" + serve:
+        game.step(np.array(["NSEWI".index(key), 0]))  # the other cook faces a counter
+    assert game.soups == 1
+    assert game.pots == {(2, 0): [0, 0]}
+
+
+def check_bits(world: World, cell: str) -> None:
+    """Two draws of a seed are equal, one of another seed differs, and truth has both sides."""
+    first, again, other = (world.make(cell, seed, quick=True) for seed in (3, 3, 4))
+    data = first.demonstrations
+    assert np.array_equal(data.observations, again.demonstrations.observations)
+    assert np.array_equal(data.actions, again.demonstrations.actions)
+    assert np.array_equal(first.good, again.good)
+    assert not np.array_equal(data.actions[:20], other.demonstrations.actions[:20])
+    assert first.good.shape == (len(data),)
+    assert 0 < first.good.sum() < len(data)
+    assert first.success is None or set(first.success) <= {0, 1}
+    assert first.good_steps is None or first.good_steps.shape == (data.n_steps,)
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_same_seed_same_drive(name: str) -> None:
+    world = WORLDS[name]
+    made = world.make(world.cells[0], 1, quick=True)
+    weights = np.ones(made.demonstrations.n_steps)
+    first, again = (world.drive(world.cells[0], made, weights, 1, quick=True) for _ in range(2))
+    assert first == again
+    assert np.isfinite(first)
+
+
+@pytest.mark.parametrize("noise", intersection.NOISES)
+def test_noisy_teachers_earn_less(noise: str) -> None:
+    rng = np.random.default_rng(0)
+
+    def earned(sort: str) -> float:
+        return float(intersection.crossed(100, rng, lambda a, b: intersection.velocity(sort, a, b, rng))[2].mean())
+
+    assert earned("none") > earned(noise) + 2
+
+
+def test_careful_teacher_earns_about_fifteen() -> None:
+    rng = np.random.default_rng(0)
+    earned = intersection.crossed(100, rng, lambda a, b: intersection.velocity("none", a, b, rng))[2]
+    assert earned.mean() == pytest.approx(15, abs=0.5)
+
+
+def test_only_good_operators_place_the_thing() -> None:
+    rng = np.random.default_rng(0)
+    good, bad = (early_release.driven(50, early_release.Operator(50, bad, rng).act, rng)[2] for bad in (False, True))
+    assert good.mean() > 0.95
+    assert bad.mean() < 0.05
+
+
+def test_length_tells_early_release_only_where_records_are_shorter() -> None:
+    world = WORLDS["early_release"]
+    made, same = (world.make(cell, 0, quick=True) for cell in ("shorter 50", "one length 50"))
+    lengths = made.demonstrations.lengths
+    assert (lengths[made.good][:, None] > lengths[~made.good]).mean() > 0.9
+    assert np.ptp(same.demonstrations.lengths) == 0
+
+
+def test_careful_driver_pushes_the_disc_home_and_a_careless_one_by_luck() -> None:
+    rng = np.random.default_rng(0)
+    assert len(push2d.drive("careful", 200, rng)) == 200
+    assert len(push2d.drive("strategy", 200, rng)) > 180
+    assert 2 <= len(push2d.drive("accidental", 400, rng)) < 60
+
+
+def test_truncated_demonstrations_fail_and_hold_good_steps() -> None:
+    made = WORLDS["push2d"].make("truncation 50", 0, quick=True)
+    assert made.success is not None
+    assert made.good_steps is not None
+    assert made.success[made.good].all()
+    assert not made.success[~made.good].any()
+    assert made.good_steps.all()
+
+
+def test_oracle_drives_better_than_all() -> None:
+    world, gains = WORLDS["intersection"], []
+    for seed in range(2):
+        made = world.make("uniform 20", seed, quick=True)
+        data = made.demonstrations
+        oracle = np.repeat(made.good, data.lengths).astype(float)
+        alls = world.drive("uniform 20", made, np.ones(data.n_steps), seed, quick=True)
+        gains.append(world.drive("uniform 20", made, oracle, seed, quick=True) - alls)
+    assert np.mean(gains) > 1
+
+
+def test_network_learns_from_the_weighted_steps_alone() -> None:
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(600, 2))
+    first = np.arange(600) < 300
+    y = np.where(first[:, None], x[:, :1], -x[:, :1])
+    policy = fit(x, y, first.astype(float), 0, steps=300)
+    assert np.corrcoef(policy.predict(x)[:, 0], x[:, 0])[0, 1] > 0.95
+    classes = np.where((x[:, 0] > 0) == first, 5, 2)
+    chosen = fit(x, classes, first.astype(float), 0, steps=300, discrete=True)
+    assert (chosen.predict(x) == np.where(x[:, 0] > 0, 5, 2)).mean() > 0.95
+    assert set(chosen.sample(x, rng)) <= {2, 5}
+
+
+def test_network_without_any_weight_learns_from_all() -> None:
+    x = np.random.default_rng(0).normal(size=(200, 2))
+    assert np.array_equal(
+        fit(x, x, np.zeros(200), 0, steps=50).predict(x), fit(x, x, np.ones(200), 0, steps=50).predict(x)
+    )
