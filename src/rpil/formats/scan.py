@@ -60,11 +60,13 @@ class Scan:
         read = {name: flat.numbers_or_nothing(table[name]) for name in self._read}
         kind = np.float32 if all(own.dtype == np.float32 for own in read.values()) else float
         values = np.stack([*read.values()], dtype=kind)  # in which numbers are compared fast
-        self.missing += np.isnan(values).sum(axis=1)
+        if not (finite := np.isfinite(values).all(axis=0)).all():
+            self.missing += np.isnan(values).sum(axis=1)
+            self.faulty.update(owners[~finite].tolist())
         self.low = np.fmin(self.low, np.fmin.reduce(values, axis=1))
         self.high = np.fmax(self.high, np.fmax.reduce(values, axis=1))
-        self.within &= ((values[:, 1:] == values[:, :-1]) | ~same).all(axis=1)
-        self.faulty.update(owners[~np.isfinite(values).all(axis=0)].tolist())
+        for k in np.flatnonzero(self.within).tolist():
+            self.within[k] = ((values[k, 1:] == values[k, :-1]) | ~same).all()
         for name in [*self.clocks] if same.any() else ():  # but for the rounding of its numbers
             now, then = (own[same] for own in (read[name][1:], read[name][:-1]))
             with np.errstate(invalid="ignore"):

@@ -132,7 +132,11 @@ def flattened(table: pa.Table, lists: Mapping[str, Sequence[str]], wanted: Seque
         fits = pc.fill_null(pc.equal(pc.list_value_length(column), len(parts)), False).to_numpy(zero_copy_only=False)
         if not fits.all():
             column = column.take(pa.array(np.arange(len(column)), mask=~fits))
-        columns |= {part: pc.list_element(column, k) for k, part in enumerate(parts) if part in chosen}
+        if column.null_count or (values := column.flatten()).null_count or not _is_numeric(values.type):
+            columns |= {part: pc.list_element(column, k) for k, part in enumerate(parts) if part in chosen}
+            continue
+        matrix = np.ascontiguousarray(values.to_numpy(zero_copy_only=False).reshape(-1, len(parts)).T)
+        columns |= {part: pa.array(own) for part, own in zip(parts, matrix, strict=True) if part in chosen}
     return pa.table(columns).select(wanted)
 
 
