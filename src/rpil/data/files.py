@@ -8,7 +8,6 @@ import uuid
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
-from fnmatch import fnmatch
 from pathlib import Path
 
 from rpil.data.errors import DataError
@@ -121,8 +120,7 @@ def cannot_be_written(path: StrPath, reason: str) -> DataError:
 def check_outputs(inputs: Iterable[StrPath | None], outputs: Iterable[StrPath | None], data: Collection[str]) -> None:
     """A `DataError`, before any work, naming an output that cannot be written, is named twice, or is or joins an input.
 
-    An input may be a folder or a pattern: then a file in the folder with one of the extensions of
-    `data`, or one that the pattern matches, joins it.
+    An input may be a folder: then a file in the folder with one of the extensions of `data` joins it.
     """
     sources = [Path(os.path.abspath(path)).resolve() for path in inputs if path]
     taken = set(sources)
@@ -132,6 +130,5 @@ def check_outputs(inputs: Iterable[StrPath | None], outputs: Iterable[StrPath | 
             raise DataError(f"{path}: it is named twice in the command; give every file a name of its own.")
         taken.add(place)
         for source in sources:
-            in_folder = place.suffix.lower() in data and source.is_dir() and source in place.parents
-            if in_folder or fnmatch(str(place), str(source)):
+            if place.suffix.lower() in data and source.is_dir() and source in place.parents:
                 raise DataError(f"{path}: it would join the data in {source}; write it to another folder.")
