@@ -6,6 +6,8 @@ import errno
 import gc
 import os
 import pickle
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -123,6 +125,17 @@ def test_a_full_disk_is_said(tmp_path, monkeypatch):
     monkeypatch.setattr(pa.ipc.RecordBatchFileWriter, "write_batch", full)
     with pytest.raises(DataError, match=r"a\.csv: a copy of its rows cannot be written .*No space left.*set TMPDIR"):
         read_recording(tmp_path / "a.csv", on_disk=True)
+
+
+@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="only Linux has files without a name")
+def test_a_process_that_is_ended_leaves_no_copy(tmp_path):
+    (tmp_path / "a.csv").write_text(table(["a"] * 9, [0, 1, 1] * 3))
+    (tmp_path / "temporary").mkdir()
+    code = "import os, rpil, sys; data = rpil.open(sys.argv[1], on_disk=True); os.kill(os.getpid(), 9)"
+    environment = os.environ | {"TMPDIR": str(tmp_path / "temporary")}
+    ended = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.csv")], env=environment, check=False)
+    assert ended.returncode == -9
+    assert not list((tmp_path / "temporary").iterdir())
 
 
 def test_a_disk_without_room_is_said_before_it_is_full(tmp_path, monkeypatch):
