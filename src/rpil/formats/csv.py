@@ -236,7 +236,14 @@ def _rows_of(
         sizes = dict.fromkeys(files, 0)
         tables = _tables(files, columns, types, sizes)
         try:
-            return (ArrowFile.of(tables, source) if columns.options.on_disk else [*tables]), sizes
+            if not columns.options.on_disk:
+                return [*tables], sizes
+            if len(files) > 1:  # which get the types that fit the first rows of all
+                each = (_tables({name: file}, columns, types, {name: 0}) for name, file in files.items())
+                firsts = [table.slice(0, 0) for found in each for table in itertools.islice(found, 1)]
+                schema = flat.end_to_end(firsts, source).schema
+                tables = (table.cast(schema) for table in tables)
+            return ArrowFile.of(tables, source), sizes
         except _OtherTypeError as error:
             fault = error
     for file in files.values():
