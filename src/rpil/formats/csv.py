@@ -136,7 +136,14 @@ def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, defau
     `default_id` is `FILE`."""
     folder = os.path.commonpath([path.absolute().parent for path in paths])
     named = {path.absolute().relative_to(folder).as_posix(): path for path in paths}
-    files, damaged = without_damaged(named, lambda name: find_dialect(named[name], options), options.skip_bad)
+
+    def dialect(name: str) -> TextTable:
+        file = find_dialect(named[name], options)
+        if options.skip_bad and len(named) > 1:  # to skip it before its first rows are taken
+            file.check()
+        return file
+
+    files, damaged = without_damaged(named, dialect, options.skip_bad)
     (first_name, first), *_ = files.items()
     for name, file in files.items():
         if set(file.names) != set(first.names):
