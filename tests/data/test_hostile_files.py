@@ -116,6 +116,7 @@ FILES = {
     "giant-names.npz": (giant(npz(), "observation_names.npy", zipfile.ZIP_DEFLATED), READ),
     "giant-weights.rpil": (giant(model, "policy/weights.npy"), LOAD),
     "short.npz": (short_npz, READ),
+    "twice.npz": (twice(npz(), "observations.npy"), READ),
     **{
         f"{part.partition('/')[2]}-{len(shape)}.rpil": (resized(f"{part}.npy", shape), LOAD)
         for part in ("features/folds", "features/spread", "features/scale", "policy/ridge")
@@ -150,6 +151,7 @@ def test_it_is_refused_in_one_sentence(ends, name):
 def test_the_figures_are_named(ends):
     for name, size in (("giant-names.npz", "14.0 GB"), ("constants.parquet", "1.0 GB")):
         assert f"would take {size} of memory, more than the 0.3 GB that it may" in ends[0][name][1]
+    assert "twice.npz: it holds two arrays of one name" in ends[0]["twice.npz"][1]
     assert "more than the file" in ends[0]["giant-weights.rpil"][1]
 
 

@@ -234,7 +234,10 @@ def open_npz(path: Path, where: str = "") -> Npz:
     have one name."""
     where = where or path.name
     with guarded(where, "not an NPZ file, or a damaged or truncated one", "write it again"):
-        return Npz(zipfile.ZipFile(path), where)
+        stored = Npz(zipfile.ZipFile(path), where)
+    if len({*stored.names}) < len(stored.names):
+        raise DataError(f"{where}: it holds two arrays of one name; write it again.")
+    return stored
 
 
 def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:
