@@ -104,11 +104,8 @@ def test_names_may_have_as_many_bytes_as_file_systems_take(tmp_path):
         with replacing(tmp_path / name) as temporary:
             assert temporary.suffix == ".parquet"
             temporary.write_text("new")
-    with (
-        pytest.raises(DataError, match=r"it cannot be written \(File name too long"),
-        replacing(tmp_path / ("a" * 256)) as new,
-    ):
-        new.touch()
+    with pytest.raises(DataError, match="its name is longer than 255 bytes"), replacing(tmp_path / ("a" * 256)):
+        pass
     assert len([*tmp_path.iterdir()]) == 2
 
 

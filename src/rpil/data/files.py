@@ -68,7 +68,9 @@ def check_writable(path: StrPath) -> Path:
     folder = path.parent
     if not folder.is_dir():
         raise DataError(f"{path}: there is no folder {folder}; make it first.")
-    is_there = os.path.exists(path)  # which a name that is too long is not
+    if len(os.fsencode(path.name)) > 255:
+        raise DataError(f"{path}: its name is longer than 255 bytes; give a shorter one.")
+    is_there = os.path.exists(path)  # which a path that is too long is not
     if is_there and not path.is_file():  # to replace /dev/null would break the machine
         raise DataError(f"{path}: it is a folder or a device; give the path of a file.")
     if not os.access(folder, os.W_OK) or (is_there and not os.access(path, os.W_OK)):
