@@ -1,4 +1,4 @@
-"""The picture of an audit in docs/command-line.md: what `rpil audit` prints on the landings of `rpil demo`.
+"""The picture of an audit in docs/command-line.md: what `rpil audit` prints on lunarlander_corrupted.npz.
 
 python docs/audit_picture.py       # writes audit.svg beside this file
 """
@@ -12,7 +12,6 @@ import subprocess
 import sys
 import tempfile
 import textwrap
-from importlib.resources import as_file, files
 from pathlib import Path
 from xml.sax.saxutils import escape
 
@@ -32,8 +31,7 @@ def main() -> None:
 def printed_audit() -> list[str]:
     """The lines that the command prints, in a folder that holds the landings."""
     with tempfile.TemporaryDirectory() as folder:
-        with as_file(files("rpil.cli") / "bundled" / "lunarlander_corrupted.npz") as landings:
-            shutil.copy(landings, Path(folder) / "landings.npz")
+        shutil.copy(Path(__file__).parent / "lunarlander_corrupted.npz", Path(folder) / "landings.npz")
         script = "import sys; from rpil.cli.main import main; sys.argv[0] = 'rpil'; main()"
         command = [sys.executable, "-c", script, *COMMAND.split()[1:]]
         done = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)

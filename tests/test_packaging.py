@@ -154,6 +154,6 @@ def test_the_package_works_without_extras(tmp_path):
         return done.stdout
 
     assert "rpil-demo.html" in run("demo", "--help")
-    bundled = library / "rpil" / "cli" / "bundled" / "lunarlander_corrupted.npz"
-    assert "20 demonstrations" in run("audit", str(bundled), "--report", "page.html")
+    landings = ROOT / "docs" / "lunarlander_corrupted.npz"
+    assert "20 demonstrations" in run("audit", str(landings), "--report", "page.html")
     assert "lunarlander_corrupted" in (folder / "page.html").read_text(encoding="utf-8")

@@ -78,7 +78,7 @@ from rpil.data.archive import stored
 from rpil.mixture.adversaries.protocol import Adversary
 
 
-@stored
+@stored()
 @dataclass(frozen=True)
 class MostlyZero(Adversary):
     name: str = "mostly zero"
@@ -160,7 +160,7 @@ def test_adversary_recipe(package, monkeypatch, tmp_path):
 
 
 def test_format_recipe(package, monkeypatch, tmp_path):
-    monkeypatch.setattr(registry, "FORMATS", (package("json_lines").FORMAT, *registry.FORMATS))
+    monkeypatch.setattr(registry, "FORMATS", (*registry.FORMATS, package("json_lines").FORMAT))
     toy = make("random", 0, n_good=2, n_bad=2, steps=(4, 6)).demonstrations
     path, kept = tmp_path / "toy.jsonl", tmp_path / "kept.jsonl"
     formats.write(path, toy, {"is_good": [1, 1, 0, 0]})

@@ -1,4 +1,4 @@
-"""Make the demonstrations that `rpil demo` carries: ``python tools/bundle_demo_data.py SHARED_DATA_FOLDER``.
+"""Make the demonstrations of `rpil demo`, and of a picture: ``python tools/bundle_demo_data.py SHARED_DATA_FOLDER``.
 
 The same folder and versions give the same files, byte for byte. Truth about each demonstration travels in the files
 under names that `rpil.read` never looks at.
@@ -44,10 +44,10 @@ def main() -> None:
     """Write both files."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("shared", type=Path, help="folder that holds overcooked_cramped_room.npz and .json")
-    parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "src" / "rpil" / "cli" / "bundled")
+    parser.add_argument("--root", type=Path, default=Path(__file__).parents[1], help="checkout to write to")
     arguments = parser.parse_args()
-    overcooked(arguments.shared, arguments.out)
-    lunarlander(arguments.out)
+    overcooked(arguments.shared, arguments.root / "src" / "rpil" / "cli" / "bundled")
+    lunarlander(arguments.root / "docs")
 
 
 if __name__ == "__main__":

@@ -72,6 +72,16 @@ def test_a_review_writes_where_no_link_leads(data):
         for _ in range(2):  # it replaces its files
             files = client.post("/api/finish", version=0, write=True)[1]["files"]
             assert [*files.values()] == ["mine-keep.json", "mine-verdicts.csv", "mine-weights.parquet"]
+        for name in files.values():
+            content = Path(name).read_bytes()
+            Path(name).write_text("MINE")
+            status, answer = client.post("/api/finish", version=0, write=True)
+            assert (status, answer["error"].partition(";")[0]) == (
+                400,
+                f"{name}: it is there, and this run did not write it",
+            )
+            assert Path(name).read_text() == "MINE"
+            Path(name).write_bytes(content)
     assert Path("keep.json").read_text() == "MINE"
 
 

@@ -44,6 +44,7 @@ def test_a_position_is_an_episode():
         assert actions.tolist() == [1, 0, 2]
     with pytest.raises(IndexError):
         d[2]
+    refusal(r"x.npz: \[slice.*\] takes one position; use select", d.__getitem__, slice(5))
 
 
 def test_arrays_are_read_only_and_the_callers_stay_writable():
@@ -141,6 +142,11 @@ def changed(array, row, column, value):
         ({"actions": np.zeros((5, 2), dtype=int)}, "number the combinations"),
         ({"actions": np.ones((5, 2, 2))}, "neither .N,. discrete nor .N, A. floats"),
         ({"actions": np.full(5, 2**63, dtype=np.uint64)}, "renumber"),
+        ({"actions": ["a", "a\0", "b", "b", "b"]}, "actions hold the character NUL"),
+        *(
+            ({"actions": [first, second, 0, 0, 0]}, "actions hold whole numbers of over 64 bits")
+            for first, second in ((2**63, -1), (2**70, 2**70 + 1))
+        ),
         *(
             ({"ids": ["a", name]}, "the id of demonstration number 1 must be .* 1 to 1,000 characters of Unicode")
             for name in ("a\0", "", "b" * 1001, "\ud800")

@@ -85,6 +85,7 @@ def test_parts_of_actions_are_one_continuous_action():
         (([{"a": X[0]}, {"b": X[0]}], Y[:2]), "different parts"),
         ({"observation": 1, "action": 0}, "no steps"),
         (None, "one pair"),
+        ([{"observation": x, "action": 0} for x in X[:2]], "one pair"),
     ],
 )
 def test_what_cannot_be_read_is_refused_in_one_sentence(episode, message):

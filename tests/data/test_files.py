@@ -104,11 +104,8 @@ def test_names_may_have_as_many_bytes_as_file_systems_take(tmp_path):
         with replacing(tmp_path / name) as temporary:
             assert temporary.suffix == ".parquet"
             temporary.write_text("new")
-    with (
-        pytest.raises(DataError, match=r"it cannot be written \(File name too long"),
-        replacing(tmp_path / ("a" * 256)) as new,
-    ):
-        new.touch()
+    with pytest.raises(DataError, match="its name is longer than 255 bytes"), replacing(tmp_path / ("a" * 256)):
+        pass
     assert len([*tmp_path.iterdir()]) == 2
 
 
@@ -148,9 +145,9 @@ def test_an_output_is_named_once_and_joins_no_input(tmp_path, monkeypatch):
     (tmp_path / "data").mkdir()
     (tmp_path / "d.csv").write_text("x")
     check_outputs(["data", "d.csv", None], ["data/page.html", "e.csv", None], [".csv"])
+    check_outputs(["a[1].csv"], ["a1.csv"], [".csv"])  # an input is no pattern
     for inputs, outputs, match in (
         (["data"], ["data/e.csv"], "it would join the data in .*data; write it to another folder"),
-        (["*.csv"], ["e.csv"], "it would join the data in"),
         ([], ["e.csv", "./e.csv"], "it is named twice"),
         (["d.csv"], ["d.csv"], "it is named twice"),
     ):

@@ -91,7 +91,7 @@ def test_a_link_to_nothing_is_a_download_that_broke_off(folder):
 
 def test_no_folder_is_read_twice(folder):
     (folder / "c").symlink_to("b")
-    with pytest.raises(DataError, match="a link leads to this folder"):
+    with pytest.raises(DataError, match="a link leads to a folder; copy"):
         check_folder(folder)
 
 

@@ -14,6 +14,8 @@ import pyarrow.parquet as pq
 import pytest
 from numpy.lib import format as npy
 
+from archives import npy as to_npy
+from archives import rewrite
 from hostile import MAX_BYTES, assert_refused, read_all
 
 READ, OPEN, LOAD = "rpil:read", "hostile:read_on_disk", "rpil:load"
@@ -30,6 +32,14 @@ def npz(**changes):
 
 def model(path):
     shutil.copyfile(MODEL, path)
+
+
+def resized(member, shape):
+    def make(path):
+        model(path)
+        rewrite(path, {member: to_npy(np.ones(shape))})
+
+    return make
 
 
 def giant(write, member, method=zipfile.ZIP_STORED):
@@ -106,6 +116,12 @@ FILES = {
     "giant-names.npz": (giant(npz(), "observation_names.npy", zipfile.ZIP_DEFLATED), READ),
     "giant-weights.rpil": (giant(model, "policy/weights.npy"), LOAD),
     "short.npz": (short_npz, READ),
+    "twice.npz": (twice(npz(), "observations.npy"), READ),
+    **{
+        f"{part.partition('/')[2]}-{len(shape)}.rpil": (resized(f"{part}.npy", shape), LOAD)
+        for part in ("features/folds", "features/spread", "features/scale", "policy/ridge")
+        for shape in ((), (1,))
+    },
     "twice.rpil": (twice(model, "policy/weights.npy"), LOAD),
     "constants.parquet": (constants, READ),
     "long-id.csv": (long_csv_id, READ),
@@ -135,6 +151,7 @@ def test_it_is_refused_in_one_sentence(ends, name):
 def test_the_figures_are_named(ends):
     for name, size in (("giant-names.npz", "14.0 GB"), ("constants.parquet", "1.0 GB")):
         assert f"would take {size} of memory, more than the 0.3 GB that it may" in ends[0][name][1]
+    assert "twice.npz: it holds two arrays of one name" in ends[0]["twice.npz"][1]
     assert "more than the file" in ends[0]["giant-weights.rpil"][1]
 
 

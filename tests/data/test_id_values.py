@@ -70,7 +70,7 @@ def better(pairs):
 
 def test_a_file_of_answers_holds_labels_and_pairs(tmp_path):
     path = tmp_path / "answers.csv"
-    path.write_text('id,label\n7,good\n7,better than 3\n7,"BETTER  Than a,b"\n3, Better than a b\n7,better than 3\n')
+    path.write_text('id,label\n7,good\n7,better than 3\n7,"BETTER  Than a,b"\n3, Better than a b \n7,better than 3\n')
     assert formats.read_answers(path) == ({"7": "good"}, better([("7", "3"), ("7", "a,b"), ("3", "a b")]))
     assert formats.read_labels(path) == {"7": "good"}
     path.write_text("id,label\n12,Same  AS 7\n12,same as a same as b\n7,same as 12\n7,same as 3\n")
@@ -196,6 +196,18 @@ def test_whatever_an_id_is_its_answers_are_read_as_they_were_written(tmp_path, n
     write_answers(path, path.read_bytes(), as_rows([(m, "good") for m in ids]))  # a label replaces another one
     assert read_answers(path) == (dict.fromkeys(ids, "good"), pairs)
     assert parse_answers(as_rows([*words, *compared]), "") == (dict(words), pairs)
+
+
+def test_white_space_around_an_id_is_left_out_but_in_quotes(tmp_path):
+    path = tmp_path / "labels.csv"
+    path.write_text('id,label \n 3 ,bad\n" a ",good \n7,better than 3 ')
+    assert read_answers(path) == ({"3": "bad", " a ": "good"}, better([("7", "3")]))
+
+
+def test_a_file_with_a_mark_of_its_encoding_keeps_it(tmp_path):
+    for before in (b"id,label\r\n", b"\xef\xbb\xbfid,label\r\n"):
+        write_answers(tmp_path / "labels.csv", before, [AnswerRow("\u00e9", "good")])
+        assert (tmp_path / "labels.csv").read_bytes().startswith(before.strip())
 
 
 HOSTILE = ["=1+1", "@SUM(1)", "'=2", 'say "no", he said', "<script>alert(1)</script>", "two\nlines", "＝1", "é\u202e"]

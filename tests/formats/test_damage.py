@@ -86,6 +86,18 @@ def texts(folder):
     (folder / "2.csv").write_bytes(b"\0" * 300)
 
 
+def broken_line(folder):
+    texts(folder)
+    written(folder / "2.csv", [*(line.split(",", 1)[1] for line in table(1, 8)), "0.5"])
+
+
+def cut_line(folder):
+    for m in range(5):
+        steps = [{"observation": {"x": m + k / 7}, "action": k % 2} for k in range(8)]
+        written(folder / f"{m}.jsonl", [json.dumps(step) for step in steps])
+    (folder / "2.jsonl").write_bytes((folder / "2.jsonl").read_bytes()[:-20])
+
+
 def tables(folder):
     for m in range(5):
         columns = {"episode_index": [m] * 8, "observation.x": np.arange(8.0), "action": np.arange(8) % 2}
@@ -110,7 +122,7 @@ def arrays(folder):
     (folder / "2.npz").write_bytes((folder / "2.npz").read_bytes()[:200])
 
 
-@pytest.mark.parametrize("make", [texts, tables, pages, arrays])
+@pytest.mark.parametrize("make", [texts, broken_line, cut_line, tables, pages, arrays])
 def test_a_damaged_file_of_a_folder_is_skipped_and_named(make):
     folder = Path("runs")
     folder.mkdir()

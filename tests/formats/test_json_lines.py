@@ -56,6 +56,26 @@ def test_what_is_damaged_is_one_sentence(text, tmp_path):
         rpil.read(tmp_path / "a.jsonl")
 
 
+STEP = '{"episode": 0, "x": 1, "action": 2}\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        (f'\n{STEP}\n{STEP}{{"episode": 0, "x"', 5),
+        (STEP + STEP + "\0" * 100, 3),
+        (STEP + STEP[:-1] + STEP, 2),
+        (json.dumps(json.loads(STEP), indent=1), 1),
+        (STEP.replace("\n", "\r") * 3, 1),
+    ],
+)
+def test_a_line_that_holds_no_object_or_several_is_named(text, number, tmp_path):
+    (tmp_path / "a.jsonl").write_bytes(text.encode())
+    sentence = rf"a\.jsonl, line {number}: it holds no object of JSON, or several; delete it, or write"
+    refused(sentence, "info", tmp_path / "a.jsonl")
+    refused(sentence, "info", tmp_path / "a.jsonl", "--skip-bad")
+
+
 def test_records_of_a_car_are_lines_with_another_ending(tmp_path):
     rows = [{"_session_id": f"s{m}", "speed": k / 7, "user/angle": a} for m in range(2) for k, a in enumerate(MOVES[m])]
     found = rpil.read(write(tmp_path / "a.catalog", rows), action="user/angle")

@@ -12,6 +12,7 @@ from samples import lerobot
     [
         ("drive_0.mcap", r"a recording of ROS or MCAP \(drive_0.mcap\) is never opened.*choose one rate"),
         ("drive.xlsx", r"a workbook \(drive.xlsx\) .*; export its table as CSV or Parquet"),
+        ("drive.csv.gz", r"a packed table \(drive.csv.gz\) is never opened; unpack it with gunzip"),
         ("kuka-train.tfrecord-00000-of-00002", "a data set of RLDS or TFDS .* with openx2lerobot"),
     ],
 )
@@ -20,6 +21,17 @@ def test_what_is_to_be_converted_first_is_named_with_the_way(tmp_path, name, mes
     for path in (tmp_path, tmp_path / name):
         with pytest.raises(DataError, match=message):
             formats.read_recording(path)
+
+
+def test_a_packed_table_beside_others_is_refused(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.csv").write_text("step,x,action\n" + "".join(f"{k},{k * k},{k % 2}\n" for k in range(6)))
+    (tmp_path / "README.txt.gz").write_bytes(b"x")
+    assert formats.read_recording(tmp_path).ids == ("a", "b")
+    (tmp_path / "more").mkdir()
+    (tmp_path / "more" / "c.tsv.gz").write_bytes(b"x")
+    with pytest.raises(DataError, match=r"a packed table \(c.tsv.gz\) is never opened; unpack it with gunzip"):
+        formats.read_recording(tmp_path)
 
 
 def test_a_folder_of_lerobot_within_is_named(tmp_path):

@@ -206,6 +206,12 @@ def test_labels_are_verdicts(tmp_path):
             kept(table, share=0.5)
 
 
+def test_a_list_with_other_items_than_verdicts_is_refused(tmp_path):
+    (tmp_path / "v.json").write_text(json.dumps([{"id": "1", "verdict": "good"}, "3"]))
+    with pytest.raises(DataError, match="it has no columns id and verdict"):
+        read_verdicts(tmp_path / "v.json")
+
+
 def test_a_table_of_one_row_and_ids_that_only_a_spreadsheet_would_change(tmp_path):
     (tmp_path / "v.json").write_text(json.dumps([{"id": "'=1", "verdict": "open"}]))
     (tmp_path / "v.csv").write_text("id,verdict\n'=1,open\n")

@@ -180,20 +180,29 @@ def _review(ctx: click.Context, run: commands.AuditRun, session: Session, quiet:
         progress("looking for videos")
         # By another column of ids, no demonstration is an episode that videos are named after.
         videos = EpisodeVideos.of(run.source, () if run.recording.options.id else run.audit.ids, run.audit.fps)
+    written: dict[str, object] = {}
     return Review(
         session=session,
         about=commands.about(run),
         videos=videos,
-        finish=lambda given: _finish(ctx, run, session, given),
+        finish=lambda given: _finish(ctx, run, session, written, given),
         data=run.recording.demonstrations,
     )
 
 
-def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given: Mapping[str, Parsed]) -> View:
+def _finish(
+    ctx: click.Context,
+    run: commands.AuditRun,
+    session: Session,
+    written: dict[str, object],
+    given: Mapping[str, Parsed],
+) -> View:
     """Which demonstrations are kept, and by which rules the others are not; or, if a page asks to "write", the files
-    `BESIDE` that of the answers. The page gives the ids that are "spared" and the "rules" of faults that reject."""
+    `BESIDE` that of the answers. The page gives the ids that are "spared" and the "rules" of faults that reject.
+    `written` are the digests of the files that this run wrote before, which alone are replaced."""
     from rpil.formats.registry import find
     from rpil.results.choice import Asked
+    from rpil.results.provenance import digest
 
     said = (given.get(name) for name in ("spared", "rules"))
     spared, rules = ({*map(str, one)} if isinstance(one, list) else set() for one in said)
@@ -208,8 +217,12 @@ def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given:
     for path in filter(os.path.islink, beside.values()):
         raise DataError(f"{path}: it is a link, and no review writes where a link leads; remove it.")
     commands.check_paths((run.source, session.path, *run.recording.options.files), *beside.values())
+    for path in beside.values():
+        if os.path.exists(path) and digest(path) != written.get(path):
+            raise DataError(f"{path}: it is there, and this run did not write it; move it to another folder.")
     with ctx.scope(cleanup=False):  # the server answers in threads, which have no context
         commands.write_outputs({title: beside.get(title) for title in commands.OUTPUTS}, run, lambda _: None)
+    written |= {path: digest(path) for path in beside.values()}
     suffix = ".json" if find(run.source).unkept(run.recording.options) else Path(run.source).suffix
     new = f"{Path(run.source).stem}-kept{suffix}"
     command = [*command_words(ctx, "keep", WITHOUT), "--verdicts", beside["keep"], "-o", new]

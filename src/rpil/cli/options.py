@@ -134,7 +134,7 @@ COLUMN_OPTIONS = (
     click.option("--only", metavar="IDS", multiple=True, help="Read these demonstrations alone, as 0-16,22."),
     click.option("--without", metavar="IDS", multiple=True, help="Leave these demonstrations out, as 3,7."),
     click.option(
-        "--skip-bad", is_flag=True, help="Set demonstrations with missing values aside; skip damaged lines and files."
+        "--skip-bad", is_flag=True, help="Set demonstrations with missing values aside; skip damaged files in folders."
     ),
     click.option(
         "--memory",

@@ -1,8 +1,8 @@
 """Archives of arrays (NPZ) and of frozen dataclasses, without pickle: the latter have a ``header.json`` beside arrays.
 
 The header is a tree of JSON values: numbers and text stand for themselves; an array is named by its member of the
-archive; an object is the name of a class that `stored` registered, and its fields. `decode` makes objects of
-registered classes only, and checks their fields.
+archive; an object is the name of a class that `stored` registered, and its fields. `Decoder` makes objects of
+registered classes only, and checks the fields, and the shape of every array, against the class.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from importlib.metadata import version
@@ -44,14 +44,28 @@ NOT_STORED = {"stored": False}
 """Metadata of a dataclass field that files do not hold; it has a default."""
 
 
-CLASSES: dict[str, type] = {}
-"""Registered classes by their names in files."""
+CLASSES: dict[str, tuple[type, Mapping[str, str], tuple[str, ...]]] = {}
+"""Registered classes by their names in files, with the axes of their arrays and the `renews` of `stored`."""
 
 
-def stored(kind: Class) -> Class:
-    """Register a dataclass whose objects an archive may hold; its arrays are in double precision."""
-    CLASSES[kind.__name__] = kind
-    return kind
+def stored(*, renews: tuple[str, ...] = (), **axes: str) -> Callable[[Class], Class]:
+    """Register a dataclass whose objects an archive may hold.
+
+    Parameters
+    ----------
+    renews : tuple of str
+        Letters that stand for new sizes after an object of this class: those of the columns that a feature map makes.
+    **axes : str
+        The axes of each array field, in double precision. Axes are numbers, or letters, each of which means one size in
+        the whole file, perhaps plus one ("F+1 K"). D observations, F features, K actions or A parts of one, B bins,
+        M demonstrations.
+    """
+
+    def register(kind: Class) -> Class:
+        CLASSES[kind.__name__] = kind, axes, renews
+        return kind
+
+    return register
 
 
 def rpil_version() -> str:
@@ -85,7 +99,7 @@ def encode(value: object, name: str, arrays: dict[str, Array]) -> Json:
         pairs = enumerate(value.items())
         return {"pairs": [[encode(part, f"{name}/{k}", arrays) for part in pair] for k, pair in pairs]}
     kind = type(value)
-    if kind not in CLASSES.values():
+    if kind not in (registered for registered, *_ in CLASSES.values()):
         raise TypeError(type(getattr(value, "estimator", value)).__name__)
     content = {f: encode(getattr(value, f), f"{name}/{f}", arrays) for f in _field_names(kind)}
     return {"class": kind.__name__, "fields": content}
@@ -96,26 +110,54 @@ def _field_names(kind: type) -> list[str]:
     return [f.name for f in fields(kind) if not f.name.startswith("_") and f.metadata.get("stored", True)]
 
 
-def decode(node: object, arrays: dict[str, Array]) -> Any:
-    """The value that `encode` made the `node` from, whose arrays are taken out of `arrays`; lists come back as tuples.
+def check_array(value: object, axes: str, sizes: dict[str, int]) -> None:
+    """A `ValueError` where a value is not an array of numbers with these axes, of the `sizes` so far, to which new ones
+    are added."""
+    letters = axes.split()
+    if not isinstance(value, np.ndarray) or value.dtype != np.float64 or value.ndim != len(letters):
+        raise ValueError(axes)
+    for size, letter in zip(value.shape, letters, strict=True):
+        letter, _, more = letter.partition("+")
+        expected = int(letter) if letter.isdigit() else sizes.setdefault(letter, size - int(more or 0))
+        if size != expected + int(more or 0):
+            raise ValueError(axes)
+    if np.isnan(value).any():
+        raise ValueError(axes)
 
-    An error of some type where a part of it is not what its class declares.
-    """
-    if isinstance(node, list):
-        return tuple(decode(item, arrays) for item in node)
-    if not isinstance(node, dict):
-        return node
-    if node.keys() == {"pairs"}:
-        return {decode(key, arrays): decode(value, arrays) for key, value in node["pairs"]}
-    if node.keys() == {"array"}:
-        array = arrays.pop(node["array"])
-        if array.dtype != np.float64 or np.isnan(array).any():
-            raise ValueError(node["array"])
+
+class Decoder:
+    """Converts nodes of a header to values. Each array is used once, and checked against the sizes of those before."""
+
+    def __init__(self, arrays: Mapping[str, Array]) -> None:
+        self.arrays = dict(arrays)
+        self.sizes: dict[str, int] = {}
+
+    def array(self, node: Any, axes: str) -> Array:
+        """The array that `node` names; a `ValueError` or `KeyError` where it is missing, or has other axes."""
+        array = self.arrays.pop(node["array"])
+        check_array(array, axes, self.sizes)
         return array
-    kind, content = CLASSES[node["class"]], node["fields"]
-    if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(kind)):
-        raise KeyError(node["class"])
-    return kind(**{name: decode(part, arrays) for name, part in content.items()})
+
+    def value(self, node: object) -> Any:
+        """The value that `encode` made the `node` from; lists come back as tuples.
+
+        An error of some type where a part of it is not what its class declares.
+        """
+        if isinstance(node, list):
+            return tuple(self.value(item) for item in node)
+        if not isinstance(node, dict):
+            return node
+        if node.keys() == {"pairs"}:
+            return {self.value(key): self.value(value) for key, value in node["pairs"]}
+        (kind, axes, renews), content = CLASSES[node["class"]], node["fields"]
+        if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(kind)):
+            raise KeyError(node["class"])
+        self.sizes = {letter: size for letter, size in self.sizes.items() if letter not in renews}
+        values = {}
+        for name, part in content.items():
+            is_array = name in axes and part is not None
+            values[name] = self.array(part, axes[name]) if is_array else self.value(part)
+        return kind(**values)
 
 
 def read_archive(path: StrPath) -> tuple[Header, dict[str, Array]]:
@@ -188,10 +230,14 @@ class Npz:
 
 
 def open_npz(path: Path, where: str = "") -> Npz:
-    """The arrays in the file at `path`, which is closed with them; a `DataError` where it is damaged."""
+    """The arrays in the file at `path`, which is closed with them; a `DataError` where it is damaged, or two
+    have one name."""
     where = where or path.name
     with guarded(where, "not an NPZ file, or a damaged or truncated one", "write it again"):
-        return Npz(zipfile.ZipFile(path), where)
+        stored = Npz(zipfile.ZipFile(path), where)
+    if len({*stored.names}) < len(stored.names):
+        raise DataError(f"{where}: it holds two arrays of one name; write it again.")
+    return stored
 
 
 def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:

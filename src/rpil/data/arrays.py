@@ -46,8 +46,7 @@ def as_array(values: object, what: str, where: str) -> Array:
             n_text = sum(isinstance(item, str) for item in items)
             if 0 < n_text < len(items):
                 raise DataError(f"{where}: {what} mix text with numbers or missing values; use one kind throughout.")
-            if n_text and any("\0" in item for item in items):  # which NumPy strips
-                raise DataError(f"{where}: {what} hold the character NUL; replace it.")
+            _check_items(items, what, where)
             flat = np.array(items)
             # None is the one object a column of numbers may hold; as NaN it meets the check for missing values.
             array = (flat.astype(np.float64) if flat.dtype.kind == "O" else flat).reshape(array.shape)
@@ -57,11 +56,22 @@ def as_array(values: object, what: str, where: str) -> Array:
         raise DataError(f"{where}: {what} must be a rectangular array of numbers or text.") from error
     if array.dtype.kind not in "biufU" and array.size:
         raise DataError(f"{where}: {what} must be numbers or text, not {array.dtype}.")
+    is_list = not isinstance(values, np.ndarray)
+    if is_list and (array.dtype.kind == "U" or (array.dtype == np.float64 and (np.abs(array) >= 2.0**63).any())):
+        _check_items(np.asarray(values, object).ravel().tolist(), what, where)
     if array.dtype.kind == "U" and array.dtype.itemsize:
         codes = np.ascontiguousarray(array, array.dtype.newbyteorder("=")).view(np.uint32)
         if np.any((codes >= 0xD800) & ((codes < 0xE000) | (codes > 0x10FFFF))):
             raise DataError(f"{where}: {what} hold a character that is not Unicode; replace it.")
     return array
+
+
+def _check_items(items: Sequence[object], what: str, where: str) -> None:
+    """Raise a `DataError` on items that NumPy would change, so that several become the same one."""
+    if any(isinstance(item, str) and "\0" in item for item in items):
+        raise DataError(f"{where}: {what} hold the character NUL; replace it.")
+    if any(isinstance(item, int) and not -(1 << 63) <= item < 1 << 63 for item in items):
+        raise DataError(f"{where}: {what} hold whole numbers of over 64 bits; use smaller ones, or text.")
 
 
 def as_names(values: Iterable[object], where: str) -> tuple[str, ...]:

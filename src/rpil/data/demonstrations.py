@@ -299,6 +299,8 @@ class Demonstrations(DemonstrationSet):
 
     def __getitem__(self, index: int) -> Episode:
         """``(observations (T, D), actions (T,) or (T, A))`` at a position, as views; see `select` for several."""
+        if not isinstance(index, int | np.integer):
+            raise DataError(f"{self.source}: [{index!r}] takes one position; use select for several.")
         m = range(self.n_demonstrations)[index]
         steps = slice(self.offsets[m], self.offsets[m + 1])
         return self.observations[steps], self.actions[steps]

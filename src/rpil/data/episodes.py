@@ -78,7 +78,8 @@ def _parts(given: object) -> tuple[object, object] | None:
     if all(part is not None for part in found):
         return found[0], found[1]
     if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) and len(given) == 2:
-        return given[0], given[1]
+        are_steps = all(isinstance(one, Mapping) and _parts(one) for one in given)
+        return None if are_steps else (given[0], given[1])
     return None
 
 

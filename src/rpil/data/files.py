@@ -8,7 +8,6 @@ import uuid
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
-from fnmatch import fnmatch
 from pathlib import Path
 
 from rpil.data.errors import DataError
@@ -68,7 +67,9 @@ def check_writable(path: StrPath) -> Path:
     folder = path.parent
     if not folder.is_dir():
         raise DataError(f"{path}: there is no folder {folder}; make it first.")
-    is_there = os.path.exists(path)  # which a name that is too long is not
+    if len(os.fsencode(path.name)) > 255:
+        raise DataError(f"{path}: its name is longer than 255 bytes; give a shorter one.")
+    is_there = os.path.exists(path)  # which a path that is too long is not
     if is_there and not path.is_file():  # to replace /dev/null would break the machine
         raise DataError(f"{path}: it is a folder or a device; give the path of a file.")
     if not os.access(folder, os.W_OK) or (is_there and not os.access(path, os.W_OK)):
@@ -121,8 +122,7 @@ def cannot_be_written(path: StrPath, reason: str) -> DataError:
 def check_outputs(inputs: Iterable[StrPath | None], outputs: Iterable[StrPath | None], data: Collection[str]) -> None:
     """A `DataError`, before any work, naming an output that cannot be written, is named twice, or is or joins an input.
 
-    An input may be a folder or a pattern: then a file in the folder with one of the extensions of
-    `data`, or one that the pattern matches, joins it.
+    An input may be a folder: then a file in the folder with one of the extensions of `data` joins it.
     """
     sources = [Path(os.path.abspath(path)).resolve() for path in inputs if path]
     taken = set(sources)
@@ -132,6 +132,5 @@ def check_outputs(inputs: Iterable[StrPath | None], outputs: Iterable[StrPath | 
             raise DataError(f"{path}: it is named twice in the command; give every file a name of its own.")
         taken.add(place)
         for source in sources:
-            in_folder = place.suffix.lower() in data and source.is_dir() and source in place.parents
-            if in_folder or fnmatch(str(place), str(source)):
+            if place.suffix.lower() in data and source.is_dir() and source in place.parents:
                 raise DataError(f"{path}: it would join the data in {source}; write it to another folder.")

@@ -35,7 +35,7 @@ def check_folder(path: StrPath) -> None:
             if os.path.islink(path) or not os.path.isdir(path):
                 _check_place(path, top, places)
             if os.path.islink(path) and os.path.isdir(path):
-                raise DataError(f"{path}: a link leads to this folder, or from it in a circle; remove it.")
+                raise DataError(f"{path}: a link leads to a folder; copy the folder in its place, or remove it.")
 
 
 def check_inside(path: StrPath, top: StrPath) -> None:

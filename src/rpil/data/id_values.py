@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+from codecs import BOM_UTF8
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, cast, get_args
@@ -171,7 +172,8 @@ def write_answers(path: StrPath, before: bytes | None, answers: Sequence[AnswerR
     the file its columns; note, start and end are added to them once an answer has one. A `DataError` where it cannot be
     written; a file that was there is then as it was.
     """
-    rows, names, id_column = _csv_rows((before or b"id,label\n").decode("utf-8-sig"))
+    old = before or b"id,label\n"
+    rows, names, id_column = _csv_rows(old.decode("utf-8-sig"))
     replaced = {row.question for row in answers if not _compared(row.label)}
     kept = [row for row in rows if _compared(row["label"]) or _said(row, id_column).question not in replaced]
     for answer in answers:
@@ -184,7 +186,7 @@ def write_answers(path: StrPath, before: bytes | None, answers: Sequence[AnswerR
         quoting: Literal[0, 1] = csv.QUOTE_MINIMAL if plain else csv.QUOTE_ALL
         csv.writer(lines, delimiter=comma, lineterminator="\n", quoting=quoting).writerow(cells)
     with replacing(path) as temporary:
-        temporary.write_text(lines.getvalue(), encoding="utf-8", newline="")
+        temporary.write_bytes(BOM_UTF8 * old.startswith(BOM_UTF8) + lines.getvalue().encode())
 
 
 def _said(row: Mapping[str, str | None], id_column: str) -> AnswerRow:
@@ -283,6 +285,8 @@ def _csv_rows(text: str) -> tuple[csv.DictReader[str], list[str], str]:
     """The rows of a CSV file, whose cells may hold ends of lines, the names of its columns, and that of the ids."""
     header = text.partition("\n")[0]
     comma = ";" if ";" in header and "," not in header else ","  # Excel writes the first where numbers have commas
+    # White space at the end of a cell goes, but not in quotes, where an id may have it.
+    text = re.sub(rf'("[^"]*")|(?<![ \t])[ \t]+(?=[{comma}\r\n]|\Z)', r"\1", text)
     rows = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True, strict=True, delimiter=comma)
     names = [*(rows.fieldnames or ())]
     return rows, names, next((name for name in ("id", *EPISODE) if name in names), "")

@@ -12,7 +12,7 @@ from rpil.data.archive import stored
 from rpil.data.errors import DataError
 from rpil.numerics.regression import ErrorSettings
 
-stored(ErrorSettings)  # here, because numerics knows nothing of archives
+stored()(ErrorSettings)  # here, because numerics knows nothing of archives
 
 Record = TypeVar("Record")
 
@@ -33,7 +33,7 @@ def settings_record(**intervals: str) -> Callable[[type[Record]], type[Record]]:
                 check_more(settings)
 
         kind.__post_init__ = check  # type: ignore[attr-defined]
-        return stored(dataclass(frozen=True)(kind))
+        return stored()(dataclass(frozen=True)(kind))
 
     return decorate
 

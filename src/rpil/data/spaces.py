@@ -19,7 +19,7 @@ from rpil.data.errors import DataError
 from rpil.numerics.types import Array
 
 
-@stored
+@stored()
 @dataclass(frozen=True)
 class Discrete:
     """The actions `start` .. `start` + `n` - 1. Models use their codes, 0 .. n - 1."""
@@ -59,7 +59,7 @@ class Discrete:
         return answer.astype(np.int64) if is_one else None
 
 
-@stored
+@stored(low="A", high="A")
 @dataclass(frozen=True, eq=False)
 class Box:
     """Actions of A numbers, each between its bounds (A,): float32 in environments, else float64."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
 
-from rpil.data.archive import decode, encode, read_archive, write_archive
+from rpil.data.archive import Decoder, encode, read_archive, write_archive
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.estimators.cloning import BehavioralCloning
@@ -19,7 +19,6 @@ from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 from rpil.mixture.adversaries import named  # noqa: F401  a file may hold each of them
 from rpil.numerics.types import Array
-from rpil.policies.features import FeatureMap
 
 SavedEstimator = RPIL | RMEnt | BehavioralCloning
 ESTIMATORS: dict[str, type[SavedEstimator]] = {"RPIL": RPIL, "RMEnt": RMEnt, "BehavioralCloning": BehavioralCloning}
@@ -30,8 +29,10 @@ FITTED = {
     "RMEnt": (*_POLICY, "ids_", "weights_", "log_likelihood_", "objective_", *_FIT),
     "RPIL": ("space_", "state_", "features_", "policy_", "lower_bound_", *_FIT),
 }
-"""The attributes of each estimator that a file holds. An audit is none, because `rpil.audit` makes it again."""
+"""The attributes of each estimator that a file holds, in the order in which their sizes are compared: the state of the
+mixture has other features than the policy. An audit is none, because `rpil.audit` makes it again."""
 
+FITTED_ARRAYS = dict.fromkeys(("weights_", "log_likelihood_"), "M")
 _NAMES = ("feature_names_in_", "observation_names_")  # from data frames, and from `Demonstrations`
 
 
@@ -83,7 +84,7 @@ def load(path: StrPath) -> SavedEstimator:
     """
     header, arrays = read_archive(path)
     try:
-        estimator = _restore(header, arrays)
+        estimator = _restore(header, Decoder(arrays))
         with np.errstate(all="ignore"):
             _try_out(estimator)
     except Exception as error:  # edited values make NumPy and Python raise errors of many types
@@ -102,24 +103,25 @@ def _params(estimator: SavedEstimator, arrays: dict[str, Array]) -> dict[str, An
     return params
 
 
-def _restore(header: dict[str, Any], arrays: dict[str, Array]) -> SavedEstimator:
+def _restore(header: dict[str, Any], decoder: Decoder) -> SavedEstimator:
     kind = header["class"]
-    classes = arrays.pop(header["classes"]["array"])  # of any type
-    params = {name: decode(node, arrays) for name, node in header["params"].items()}
+    classes = decoder.arrays.pop(header["classes"]["array"])  # of any type
+    (decoder.sizes["K"],) = classes.shape
+    params = {name: decoder.value(node) for name, node in header["params"].items()}
     estimator: SavedEstimator = ESTIMATORS[kind](**params)
     estimator.classes_ = classes
     if header["fitted"].keys() != set(FITTED[kind]):
         raise KeyError("fitted")
     for name in FITTED[kind]:
-        setattr(estimator, name, decode(header["fitted"][name], arrays))
-    assert isinstance(estimator.features_, FeatureMap)
-    estimator.n_features_in_ = len(estimator.features_.location)
+        node, array = header["fitted"][name], FITTED_ARRAYS.get(name)
+        setattr(estimator, name, decoder.array(node, array) if array else decoder.value(node))
+    estimator.n_features_in_ = decoder.sizes["D"]
     for name, texts in header["names"].items():
         if name not in _NAMES or len(texts) != estimator.n_features_in_:
             raise ValueError(name)
         setattr(estimator, name, np.array(texts, dtype=object) if name == "feature_names_in_" else tuple(texts))
-    if arrays:
-        raise KeyError(f"unknown arrays {sorted(arrays)}")
+    if decoder.arrays:
+        raise KeyError(f"unknown arrays {sorted(decoder.arrays)}")
     return estimator
 
 

@@ -146,7 +146,7 @@ TIMESTAMPS = "timestamps"
 OF_FILES = _rules(
     "totals: the folder counts other episodes or frames than there are",
     "episode table: the list of the episodes does not agree with the data",
-    "statistics: the statistics do not agree with the data, or are not there",
+    "statistics: of version 2.1, episodes_stats.jsonl is not there",
     "metadata: a file of the folder cannot be understood",
     "missing episodes: numbers of episodes are missing",
     "named files: files that a column names are empty, or not there",

@@ -104,8 +104,8 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
     only, without : str, int or sequence of these
         Ids of the demonstrations that alone are read, and of those that are not: ``"0-16,22"`` has a range.
     skip_bad : bool
-        Leave out demonstrations in which a value is missing or infinite, damaged lines of text, and damaged files of a
-        folder, with a warning that names them.
+        Leave out demonstrations in which a value is missing or infinite, and damaged files of a folder, with a warning
+        that names them.
     memory : int or str, optional
         Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
 

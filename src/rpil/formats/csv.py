@@ -136,7 +136,14 @@ def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, defau
     `default_id` is `FILE`."""
     folder = os.path.commonpath([path.absolute().parent for path in paths])
     named = {path.absolute().relative_to(folder).as_posix(): path for path in paths}
-    files, damaged = without_damaged(named, lambda name: find_dialect(named[name], options), options.skip_bad)
+
+    def dialect(name: str) -> TextTable:
+        file = find_dialect(named[name], options)
+        if options.skip_bad and len(named) > 1:  # to skip it before its first rows are taken
+            file.check()
+        return file
+
+    files, damaged = without_damaged(named, dialect, options.skip_bad)
     (first_name, first), *_ = files.items()
     for name, file in files.items():
         if set(file.names) != set(first.names):
@@ -236,7 +243,14 @@ def _rows_of(
         sizes = dict.fromkeys(files, 0)
         tables = _tables(files, columns, types, sizes)
         try:
-            return (ArrowFile.of(tables, source) if columns.options.on_disk else [*tables]), sizes
+            if not columns.options.on_disk:
+                return [*tables], sizes
+            if len(files) > 1:  # which get the types that fit the first rows of all
+                each = (_tables({name: file}, columns, types, {name: 0}) for name, file in files.items())
+                firsts = [table.slice(0, 0) for found in each for table in itertools.islice(found, 1)]
+                schema = flat.end_to_end(firsts, source).schema
+                tables = (table.cast(schema) for table in tables)
+            return ArrowFile.of(tables, source), sizes
         except _OtherTypeError as error:
             fault = error
     for file in files.values():

@@ -47,7 +47,7 @@ class StepTables:
     metadata: Metadata = Metadata()
     notes: tuple[str, ...] = ()  # what a user should know, in sentences
     ignored: Mapping[str, str] = field(default_factory=dict)  # parts of the file that are no columns, and why
-    skipped: tuple[str, ...] = ()  # damaged files and lines, which are not read
+    skipped: tuple[str, ...] = ()  # damaged files, which are not read
 
 
 def from_arrow(

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Set
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 import pyarrow as pa
 import pyarrow.json
 
-from rpil.data.errors import DataError
+from rpil.data.errors import DamagedError
 from rpil.data.guard import guarded
+from rpil.data.json_files import object_in
 from rpil.data.memory import check_memory
 from rpil.data.names import natural_key
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE, MEMORY_PER_BYTE
 from rpil.formats.format import Defect, Format, StepTables, from_arrow, keep_one_file, plain_columns
-from rpil.formats.scan import parts_in_words
+from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table_folder import has_tables
 
 JSON_SUFFIXES = (".jsonl", ".ndjson", ".catalog")
@@ -39,14 +41,14 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     """
     files = {file.relative_to(path).as_posix() if path.is_dir() else file.name: file for file in _files(path)}
     check_memory(MEMORY_PER_BYTE * sum(file.stat().st_size for file in files.values()), path.name, options.memory)
-    tables = {name: _parsed(file) for name, file in files.items()}
+    tables, damaged = without_damaged(files, lambda name: _parsed(files[name]), options.skip_bad)
     default = None
     if path.is_dir():
         default, names = FILE, {m: Path(m).with_suffix("").as_posix() for m in tables}
         tables = {m: one.append_column(FILE, pa.repeat(names[m], len(one))) for m, one in tables.items()}
     table = flat.end_to_end([*tables.values()], path.name)
-    name = "JSON lines" if len(files) == 1 else f"JSON lines, {len(files):,} files"
-    return from_arrow([table], options, path.name, name, default)
+    name = "JSON lines" if len(files) == 1 else f"JSON lines, {len(tables):,} files"
+    return replace(from_arrow([table], options, path.name, name, default), skipped=tuple(damaged))
 
 
 def _files(path: Path) -> list[Path]:
@@ -60,17 +62,34 @@ def _files(path: Path) -> list[Path]:
 
 
 def _parsed(file: Path) -> pa.Table:
-    """A row for each object in a file, whose lines may be as long as the file."""
+    """A row for each line of a file that is not empty, which may be as long as the file; a `DataError` where one holds
+    no object, or several."""
     with guarded(file.name, *_NO_LINES):
         size = min(file.stat().st_size + 1, _LARGEST_BLOCK)
-        return plain_columns(pa.json.read_json(file, pa.json.ReadOptions(use_threads=False, block_size=size)))
+        try:
+            table = plain_columns(pa.json.read_json(file, pa.json.ReadOptions(use_threads=False, block_size=size)))
+        except pa.ArrowInvalid:
+            _check_lines(file)
+            raise
+        with file.open("rb") as lines:
+            ends = [line[:1] + line[-1:] for line in map(bytes.strip, lines) if line]
+        if ends != [b"{}"] * len(table):
+            _check_lines(file)
+        return table
+
+
+def _check_lines(file: Path) -> None:
+    """A `DataError` that names the first line that holds no object of JSON, or several."""
+    with file.open("rb") as lines:
+        for number, line in enumerate(map(bytes.strip, lines), 1):
+            if line not in (b"", b"{}") and not object_in(line):
+                said = f"line {number:,}: it holds no object of JSON, or several"
+                raise DamagedError(f"{file.name}, {said}; delete it, or write an object on each line.")
 
 
 def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
     """Copy the lines of the demonstrations `ids`, byte for byte; return the ids found."""
     table, lines = _parsed(path), [line for line in path.read_bytes().split(b"\n") if line.strip()]
-    if len(lines) != len(table) or any(line.strip()[:1] + line.strip()[-1:] != b"{}" for line in lines):
-        raise DataError(f"{path.name}: a line holds no object of JSON, or several; write an object on each line.")
     episode = from_arrow([table], options, path.name, "").columns.episode
     names, owners = flat.id_codes(table, episode, lambda _: path.name)
     wanted = {k: str(name) for k, name in enumerate(names) if str(name) in ids}
@@ -80,8 +99,8 @@ def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) 
 
 def _find_defects(path: Path, _: bool) -> list[Defect]:
     """The files that the lines name and that are empty, or not there."""
-    tables = [_parsed(file) for file in _files(path)]
-    return [*in_table(flat.end_to_end(tables, path.name), path if path.is_dir() else path.parent)]
+    tables = without_damaged(map(str, _files(path)), lambda name: _parsed(Path(name)))[0]
+    return [*in_table(flat.end_to_end([*tables.values()], path.name), path if path.is_dir() else path.parent)]
 
 
 _NAMED = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".npy", ".npz", ".mp4", ".avi", ".wav", ".pcd")

@@ -33,14 +33,25 @@ _BATCHES_AT_ONCE = 16
 class ArrowFile:
     """A temporary file of Arrow with batches of `n_batch` rows; it goes with the object that wrote it.
 
-    Another process that it is sent to reads it, and never removes it.
+    Where the system can, it has no name until another process needs one, so that no way to end leaves it behind; then
+    its `handle` is open.
     """
 
-    def __init__(self, path: str, schema: pa.Schema, n_rows: int, n_batch: int) -> None:
-        self.path, self.schema, self._n_rows, self.n_batch = path, schema, n_rows, n_batch
+    def __init__(self, path: str, schema: pa.Schema, n_rows: int, n_batch: int, handle: int = -1) -> None:
+        self.path, self.schema, self._n_rows, self.n_batch, self._handle = path, schema, n_rows, n_batch, handle
 
     def __len__(self) -> int:
         return self._n_rows
+
+    def __reduce__(self) -> tuple[type[ArrowFile], tuple[object, ...]]:
+        """Another process reads the file, maybe on another machine, and never removes it."""
+        if (handle := self._handle) >= 0:
+            name = os.path.join(tempfile.gettempdir(), f"rpil-{os.getpid()}-{handle}.arrow")
+            with suppress(FileExistsError):  # where two threads send it
+                os.link(self.path, name, src_dir_fd=handle)  # with which links are followed
+            weakref.finalize(self, _remove, name, os.getpid())
+            self.path, self._handle = name, -1
+        return ArrowFile, (self.path, self.schema, self._n_rows, self.n_batch)
 
     def batch(self, number: int, columns: Sequence[str]) -> pa.Table:
         """Some columns of a batch; its pages are mapped into memory for as long as the table is there."""
@@ -62,9 +73,9 @@ class ArrowFile:
         assert first is not None
         schema = pa.schema([one.with_type(plain_type(one.type)) for one in first.schema])
         with _writing(source):
-            path = _new_file(first.nbytes / max(len(first), 1) * n_rows)
-            new = cls(path, schema, 0, BATCH_ROWS)
-            weakref.finalize(new, _remove, path, os.getpid())
+            path, handle = _new_file(first.nbytes / max(len(first), 1) * n_rows)
+            new = cls(path, schema, 0, BATCH_ROWS, handle)
+            weakref.finalize(new, *((_remove, path, os.getpid()) if handle < 0 else (os.close, handle)))
             sink = pa.OSFile(path, "wb")
             writer = pa.ipc.new_file(sink, schema)
         for batch in _batches(first, waiting, schema, source):  # whose errors are those of the data
@@ -77,16 +88,21 @@ class ArrowFile:
         return new
 
 
-def _new_file(n_bytes: float) -> str:
-    """The path of a new temporary file, which is to have `n_bytes`."""
+def _new_file(n_bytes: float) -> tuple[str, int]:
+    """The path of a new temporary file, which is to have `n_bytes`, and its handle if it has no name, else -1."""
     folder = os.environ.get("TMPDIR") or tempfile.gettempdir()
     if not os.access(folder, os.W_OK | os.X_OK):  # Python takes another one then, which may be too small
         raise OSError(errno.ENOENT, f"TMPDIR is {folder}, where no file can be written")
     if n_bytes > (free := shutil.disk_usage(tempfile.gettempdir()).free):
         raise OSError(errno.ENOSPC, f"it needs {n_bytes / 1e9:,.2f} GB, and {free / 1e9:,.2f} GB are free")
-    handle, path = tempfile.mkstemp(".arrow", "rpil-")
-    os.close(handle)
-    return path
+    try:
+        handle = os.open(tempfile.gettempdir(), os.O_TMPFILE | os.O_RDWR, 0o600)
+        os.stat(path := f"/proc/{os.getpid()}/fd/{handle}")
+    except (AttributeError, OSError):
+        written, path = tempfile.mkstemp(".arrow", "rpil-")
+        os.close(written)
+        return path, -1
+    return path, handle
 
 
 def _remove(path: str, process: int) -> None:

@@ -22,11 +22,13 @@ from rpil.formats.meta_folder import MetaFolder
 
 _MAY_BE_DATA = (".npz", ".npy", ".hdf5", ".h5", ".jsonl", ".ndjson", ".mat")
 
+_PACKED = tuple(f"{suffix}.gz" for suffix in TEXT_SUFFIXES)
 _REFUSED = {
     (".mcap", ".bag", ".db3"): ("recording of ROS or MCAP", "choose one rate, and write a table or a LeRobot folder"),
     (".tfrecord",): ("data set of RLDS or TFDS", "convert it to LeRobot with openx2lerobot of any4lerobot"),
     (".pkl", ".pickle"): ("pickle", "it can run any code: write a frame with df.to_parquet"),
     (".xlsx", ".xls", ".ods"): ("workbook", "export its table as CSV or Parquet"),
+    _PACKED: ("packed table", "unpack it with gunzip"),
 }
 """Parts of the names of files that are not read, what they are, and what to do."""
 
@@ -42,7 +44,8 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
             raise DataError(f"{path}: it is a data set of Minari; read it in Python, by {call}.")
     parquet_files, texts = find_files(path)
     text_files = [] if parquet_files else [one for one in texts if one.name not in OWN_TABLES]
-    text_files = [one for one in text_files if not one.name.lower().endswith(".txt")] or text_files
+    text_files = [one for one in text_files if not one.name.lower().endswith((".txt", ".txt.gz"))] or text_files
+    refuse_others(path, [one.name for one in text_files if one.name.lower().endswith(_PACKED)])
     arrays = (one for one in sorted(Path(path).glob("*")) if one.suffix.lower() in _MAY_BE_DATA)
     others = [one.name for one in (*texts, *arrays) if one not in text_files]
     if not parquet_files and "codebase_version" in (info := MetaFolder(Path(path)).info):
@@ -68,7 +71,7 @@ def has_tables(path: StrPath) -> bool:
     """Whether a folder has Parquet files, or text tables but those of rpil: a .txt file may be any text."""
     files, texts = find_files(path)
     tables = (text.name for text in texts if text.name not in OWN_TABLES)
-    return bool(files) or not all(name.lower().endswith(".txt") for name in tables)
+    return bool(files) or not all(name.lower().endswith((".txt", ".txt.gz")) for name in tables)
 
 
 def find_files(path: StrPath) -> tuple[list[Path], list[Path]]:
@@ -97,7 +100,7 @@ def _tables(paths: Iterable[str], top: str) -> tuple[list[Path], list[Path]]:
     shown = [one for one in shown if not one.name.startswith((".", "_"))]
     names = {one: one.name.lower() for one in shown}
     return [one for one in shown if names[one].endswith(".parquet")], [
-        one for one in shown if names[one].endswith(TEXT_SUFFIXES)
+        one for one in shown if names[one].endswith((*TEXT_SUFFIXES, *_PACKED))
     ]
 
 

@@ -23,7 +23,7 @@ from rpil.numerics.types import Array, Float
 from rpil.policies.linear import LinearPolicy
 
 
-@stored
+@stored()
 @dataclass(frozen=True, eq=False)
 class State:
     """The parameters of the mixture: policy pi, adversary psi and prior p."""

@@ -12,7 +12,7 @@ from rpil.data.errors import DataError
 from rpil.numerics.types import Array, Float
 
 
-@stored
+@stored()
 @dataclass(frozen=True)
 class ExpertPrior:
     """P(expert) = p, the same for all demonstrations: fixed, or estimated under Beta(a, b)."""

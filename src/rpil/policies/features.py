@@ -51,7 +51,7 @@ class FeatureSettings:
     """Spreads from the location at which a robust map cuts observations off."""
 
 
-@stored
+@stored(renews=("F", "R"), folds="D", location="D", spread="D", center="F", scale="F", landmarks="R E", mixing="R R")
 @dataclass(frozen=True, eq=False)
 class FeatureMap:
     """Observations (N, D) to a design matrix (N, F + 1) whose last column is the constant."""

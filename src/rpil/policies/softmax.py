@@ -27,7 +27,7 @@ UNSEEN_CURVATURE = 0.25
 """Largest curvature, a step, of a direction in which a sample has none: that of one step on a scaled column."""
 
 
-@stored
+@stored(weights="F+1 K", ridge="F+1")
 @dataclass(frozen=True, eq=False)
 class SoftmaxPolicy:
     """pi(k|s) = softmax(phi(s)^T Lambda)_k, for a design matrix whose last column is the constant.

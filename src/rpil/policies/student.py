@@ -44,7 +44,7 @@ MIN_GAIN = 5e-6
 recorded data the means of the median set were within 5e-4 standard deviations of those at a fifth of it."""
 
 
-@stored
+@stored(weights="F+1 A", cholesky="A A", ridge="F+1", least="A", low="A", high="A")
 @dataclass(frozen=True, eq=False)
 class StudentPolicy:
     """a | s ~ t_nu( W^T phi(s), Sigma ), for a design matrix whose last column is the constant."""

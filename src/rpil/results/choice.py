@@ -159,8 +159,9 @@ def read_verdicts(path: StrPath) -> Table:
             rows: Any = parse(text, path.name, LARGEST_TABLE) if kind == "json" else csv.DictReader(io.StringIO(text))
             if isinstance(rows, dict) and isinstance(rows.get("rejected"), dict):
                 return _table_of_kept(rows)
-            rows = [row for row in rows if isinstance(row, dict)]
-            columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
+            rows = [*rows]
+            are_rows = rows and all(isinstance(row, dict) for row in rows)
+            columns = {name: [row[name] for row in rows] for name in (rows[0] if are_rows else ())}
             if kind == "csv" and "id" in columns:
                 columns["id"] = [from_cell(str(name)) for name in columns["id"]]
     if {"id", "verdict"} <= {*columns}:

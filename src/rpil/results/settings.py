@@ -8,7 +8,7 @@ from rpil.data.archive import stored
 from rpil.inference.settings import JudgeSettings
 
 
-@stored
+@stored()
 @dataclass(frozen=True)
 class AuditSettings:
     """From probabilities to verdicts and step weights."""

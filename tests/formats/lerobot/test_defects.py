@@ -10,6 +10,7 @@ import pytest
 import lerobot_folders as folders
 from lerobot_folders import change_info
 from rpil.data.errors import DataError
+from rpil.faults.recorded import OF_FILES
 from rpil.formats.lerobot.defects import find_defects, find_shots
 from rpil.formats.registry import find
 
@@ -198,3 +199,4 @@ def test_what_the_converter_of_lerobot_needs_is_named(tmp_path):
     (defect,) = find_defects(root, False)
     assert (defect.what, defect.place) == ("statistics", "meta/episodes_stats.jsonl")
     assert "LeRobot's converter to version 3.0 needs it" in defect.sentence
+    assert "episodes_stats.jsonl is not there" in next(rule.words for rule in OF_FILES if rule.name == defect.what)

@@ -33,6 +33,7 @@ from rpil.formats.lerobot.checked_folder import (
     STATS,
     ByFeature,
     CheckedFolder,
+    ColumnStatistics,
     annotate,
     joined_stats,
 )
@@ -135,14 +136,17 @@ class Kept:
         rows, statistics = {m: dict(self.old.episodes[m]) for m in self.numbers}, self.old.statistics()
         start, found = 0, []
         for m, new in self.numbers.items():
-            n = self.lengths[new]
+            n, firsts = self.lengths[new], {"index": start, "episode_index": new}
             rows[m].update(episode_index=new, length=n)
             if self.is_v3:
                 rows[m].update(dataset_from_index=start, dataset_to_index=start + n)
                 for name, place in {"data": self.places[new], "meta/episodes": (0, 0)}.items():
                     rows[m] |= {f"{name}/chunk_index": place[0], f"{name}/file_index": place[1]}
             if statistics:
-                found.append({feature: one for feature, one in statistics[m].items() if feature not in gone})
+                own = {feature: one for feature, one in statistics[m].items() if feature not in gone}
+                found.append(
+                    own | {name: moved(own[name], to) for name, to in firsts.items() if "min" in own.get(name, ())}
+                )
             start += n
         for camera, shots in videos.items():
             for m, said in self._copy_videos(camera, [shots[m] for m in self.numbers]).items():
@@ -177,6 +181,12 @@ class Kept:
             where = {"chunk_index": chunk, "file_index": file, "from_timestamp": shot.start, "to_timestamp": shot.end}
             said[shot.episode] = {f"videos/{camera}/{name}": value for name, value in where.items()}
         return said
+
+
+def moved(of_episode: ColumnStatistics, first: int) -> dict[str, Parsed]:
+    """Statistics of numbers in an episode that are renumbered from `first` on."""
+    by = first - int(np.min(of_episode["min"]))
+    return {name: x if name in ("std", "count") else np.add(x, by).tolist() for name, x in of_episode.items()}
 
 
 def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) -> pa.Table:

@@ -17,7 +17,7 @@ N_BINS = 20
 """Bins of the histogram of each part of an action. Chosen by hand, not tuned."""
 
 
-@stored
+@stored()
 @dataclass(frozen=True)
 class UniformBox(Adversary):
     """psi = 1 / volume: uniform over the box."""
@@ -29,7 +29,7 @@ class UniformBox(Adversary):
         return np.full(len(actions), -self.log_volume)
 
 
-@stored
+@stored(low="A", width="A", log_density="A B")
 @dataclass(frozen=True, eq=False)
 class MarginalBox(Adversary):
     """psi = prod_j h_j(a_j), a histogram of each part of the action, whatever the state.

@@ -16,7 +16,7 @@ from rpil.numerics.types import Array, Float
 from rpil.policies.linear import Actions, Outputs
 
 
-@stored
+@stored()
 @dataclass(frozen=True)
 class Constant(Adversary):
     """psi = 1 (option 1). It is no distribution: without a strong prior every demonstration is an adversary's."""
@@ -27,7 +27,7 @@ class Constant(Adversary):
         return np.zeros(len(actions))
 
 
-@stored
+@stored()
 @dataclass(frozen=True)
 class Uniform(Adversary):
     """psi = 1/K: every action is as likely as any other."""
@@ -38,7 +38,7 @@ class Uniform(Adversary):
         return np.full(len(actions), -np.log(outputs.shape[1]))
 
 
-@stored
+@stored(log_frequency="K")
 @dataclass(frozen=True, eq=False)
 class Marginal(Adversary):
     """psi(k) = f_k: the frequencies of the actions, whatever the state.
@@ -65,7 +65,7 @@ class Marginal(Adversary):
         return float(self.log_frequency.sum())
 
 
-@stored
+@stored()
 @dataclass(frozen=True)
 class Complement(Adversary):
     """psi = 1 - pi (option 3, the paper's), or (1 - pi) / (K - 1), which is a distribution for every K.
@@ -94,7 +94,7 @@ def _without_taken(outputs: Array, actions: Array) -> Array:
     return others
 
 
-@stored
+@stored(log_matrix="K K")
 @dataclass(frozen=True, eq=False)
 class Confusion(Adversary):
     """psi(k|s) = sum_j pi(j|s) C[j, k]: the adversary intends the expert's action j and takes action k.

@@ -16,7 +16,7 @@ from rpil.numerics.types import Array, Float
 from rpil.policies.linear import Actions, LinearPolicy, Outputs
 
 
-@stored
+@stored()
 @dataclass(frozen=True, eq=False)
 class OwnPolicy(Adversary):
     """psi is another policy of the kind of pi (option 2), such as softmax(phi(s)^T Psi)_k.
