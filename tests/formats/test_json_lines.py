@@ -69,7 +69,8 @@ STEP = '{"episode": 0, "x": 1, "action": 2}\n'
         (STEP.replace("\n", "\r") * 3, 1),
     ],
 )
-def test_a_line_that_holds_no_object_or_several_is_named(text, number, tmp_path):
+def test_a_line_that_holds_no_object_or_several_is_named(text, number, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # in which no file changes
     (tmp_path / "a.jsonl").write_bytes(text.encode())
     sentence = rf"a\.jsonl, line {number}: it holds no object of JSON, or several; delete it, or write"
     refused(sentence, "info", tmp_path / "a.jsonl")
