@@ -24,7 +24,7 @@ demo: $(VENV)/.made
 check: lint
 	$(BIN)/python -m pytest $(IN_PARALLEL) -m "not slow"
 
-# Everything: three minutes on two cores (five and a half minutes of CPU).
+# Everything: four minutes on two cores (six and a half minutes of CPU).
 test: $(VENV)/.made
 	$(BIN)/python -m pytest $(IN_PARALLEL)
 
