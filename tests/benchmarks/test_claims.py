@@ -47,10 +47,8 @@ def test_words_are_counted_by_kind():
     assert "| seed 1 | 1 | 1 | 1 |" in lines
     assert "| all twice | 1 | 1 | 0 |" in lines
     assert "| recorded | 2 | 1, 1 | 2, 1 | 100% | 43% | 1 |" in lines
-    assert (
-        "The question names a good and a bad demonstration in 2 of 2 recorded sets, and one of middling quality in 0."
-        in lines
-    )
+    asked = "The question names a good and a bad demonstration in 2 of 2 recorded sets. "
+    assert f"{asked}In 0 sets it names one of middling quality." in lines
     assert "- wrong: AUROC 1.00, outliers, 1 outliers, 1 of them good." in lines
 
 
@@ -63,8 +61,8 @@ def test_cells_of_plain_worlds_in_which_nobody_is_named_are_counted():
         told("plain", "d", good, [0] * 10, log_odds=[0.0] * 10),
     ]
     assert plain_cells(rows) == [
-        "Plain worlds: nobody is named in 1 of 2 cells with a right ranking and 2 to 36 % bad (b); "
-        "8 of 32 good ones are named; by size, 1 of 2 bad ones."
+        "In plain worlds with a right ranking and 2 to 36 % bad demonstrations, the audit names nobody in 1 of 2 cells "
+        "(b). It names 8 of 32 good demonstrations, and 1 of 2 bad ones in worlds of several sizes."
     ]
 
 
@@ -74,6 +72,6 @@ def test_the_ranking_is_compared_with_that_of_0_3(monkeypatch):
     assert names <= {*before}
     assert len(before["plain: share 0.2, reach"]) == 100
     monkeypatch.setattr(claims, "judge_of_0_3", lambda: {"recorded: a": np.array([2.0, 1.0, 0.0])})
-    for log_odds, text in (([2, 1, 0], "lower by more than 0.01 in 0, higher in 0."), ([0, 2, 1], "in 1 (a 1.000 to")):
+    for log_odds, text in (([2, 1, 0], "by more than 0.01 in 0 and higher in 0."), ([0, 2, 1], "in 1 (a 1.000 to")):
         assert text in beside_0_3([told("recorded", "a", [1, 1, 0], [0, 0, 0], log_odds=log_odds)])[0]
     assert beside_0_3([told("recorded", "b", [1, 0], [0, 0])]) == []
