@@ -29,7 +29,7 @@ def test_audit_writes_verdicts_and_the_list_to_keep(folder):
     result = call("audit", folder / "good.parquet", "--format", "json", "--demonstrators", "who.csv", *files)
     assert result.exit_code == 0
     *lines, warning = result.stderr.splitlines()
-    assert "w.csv: every step weighs the same, because nothing says who is good" in warning
+    assert "w.csv: every step weighs the same, until you call one demonstration good" in warning
     assert lines == ["Weights: w.csv", "Verdicts: v.csv", "Keep: k.json", "Report: r.html"]
     assert {row["run"] for row in pa.csv.read_csv("v.csv").to_pylist()} == {json.loads(result.stdout)["run"]}
     printed = {entry["id"]: entry for entry in json.loads(result.stdout)["demonstrations"]}

@@ -204,5 +204,5 @@ def test_an_outcome_without_a_name_is_the_outcome():
         (("a", "b"), ("the outcome a", "The outcome b")),
     ):
         first, second = doubts_of_witnesses(said, replace(Answers.none(3), names=names))
-        assert first == f"Nothing else that is known confirms {called[0]}, so that it counts for little."
+        assert first == f"No answer and no other outcome confirms {called[0]}, so it counts for little."
         assert second == f"{called[1]} contradicts the other answers: less of it counts as better."

@@ -123,7 +123,7 @@ def test_words_of_answers_stand_above_those_that_stay():
 def test_doubts_of_answers(count, contrast, follows, doubts):
     """And of the outcomes that these do not confirm, or turn."""
     none, known = np.zeros(4, dtype=int), replace(Answers.none(4), outcomes=np.zeros((4, 4)), names=("a", "-b", *"cd"))
-    alone = "Nothing else that is known confirms the outcome {}, so that it counts for little."
+    alone = "No answer and no other outcome confirms the outcome {}, so it counts for little."
     turned = "The outcome d contradicts the other answers: less of it counts as better."
     more = () if count == 1 else (alone.format("-b"), alone.format("c"), turned)
     said = Witnesses(np.zeros((4, 4)), np.array([0.5, 0.4, 0.49, 0.51]), np.array([1.0, 1.0, -1.0, -1.0]))

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     "--fail-on",
     callback=verdict_limit,
     metavar="outlier|bad[:N]",
-    help="Exit with code 1 where more than N demonstrations, by default 0, are outliers or bad.",
+    help="Exit with code 1 if more than N demonstrations (default: 0) are outliers or bad.",
 )
 @click.option(
     "--annotate",
@@ -77,7 +77,7 @@ def audit(
 ) -> int:
     """Print which demonstrations differ from the rest, or are bad, the lowest scores first.
 
-    It fits no final policy; its verdicts are those of rpil fit.
+    It fits no final policy; rpil fit has the same verdicts.
     """
     outputs = {title: options.pop(title) for title in commands.OUTPUTS}
     lists = outputs["keep"] is not None or outputs["ranges"] is not None

@@ -236,8 +236,8 @@ def _write(title: str, path: str, run: AuditRun) -> list[str]:
         steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
         write_weights(path, *steps, run.recording.step_columns)
         if audit.step_weight.min() == audit.step_weight.max():
-            why = "because nothing says who is good; two answers do, one good and one bad"
-            warnings.warn(f"{path}: every step weighs the same, {why}.", stacklevel=1)
+            why = "every step weighs the same, until you call one demonstration good and another bad"
+            warnings.warn(f"{path}: {why}.", stacklevel=1)
     elif title == "verdicts":
         findings = run.faults.findings if run.faults else ()
         write_verdicts(path, audit, audit.table(run.demonstrators, run.recording.tasks, findings))

@@ -69,7 +69,7 @@ def begin(file: str, options: dict[str, Value], most: int | None) -> tuple[comma
 @with_options(*LABEL_OPTIONS)
 @click.pass_context
 def label(ctx: click.Context, /, file: str, **options: Value) -> None:
-    """Ask four to eight questions in the terminal, and write the answers to a file of labels.
+    """Ask up to eight questions in the terminal, and write the answers to a file of labels.
 
     The file is labels.csv, or that of --labels. A run goes on where the last one ended. Each answer is written at once.
     """

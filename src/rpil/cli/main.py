@@ -46,13 +46,13 @@ def main(ctx: click.Context, /) -> None:
 
     FILE holds demonstrations: a table (.parquet, .csv) with one row per step and columns such as episode_index, action
     and observation.*, arrays (.npz, .hdf5, Zarr), a folder of tables, or data of LeRobot, robomimic and others. It may
-    be larger than the memory. rpil info FILE tells how it is read.
+    be larger than memory. rpil info FILE prints how it is read.
     """
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help())
 
 
-SET = "The set in one table, in Markdown: how each action moves, and what a trainer will stumble over."
+SET = "Print the set in one table, in Markdown: how each action moves, and problems for a trainer."
 
 for command in (audit, check, label, review):
     main.add_command(command)
@@ -126,7 +126,7 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     "--verdicts",
     type=click.Path(),
     metavar="FILE",
-    help="Keep by this file and judge nothing: the table of rpil audit --verdicts, the list of --keep, or labels.",
+    help="Judge nothing, and keep by this file: the table of rpil audit --verdicts, the list of --keep, or labels.",
 )
 @with_options(faults_option, *JUDGE_OPTIONS)
 def keep(
@@ -187,7 +187,7 @@ def keep(
     "-o", "--output", type=click.Path(), metavar="OUT.parquet|OUT.csv|OUT.npz", required=True, help="The file to write."
 )
 @click.option(
-    "--ranges", type=click.Path(), metavar="JSON", help="Write these rows, each range by itself; see rpil audit."
+    "--ranges", type=click.Path(), metavar="JSON", help="Write only these rows, each range as a demonstration."
 )
 @quiet_option
 @with_options(*COLUMN_OPTIONS)

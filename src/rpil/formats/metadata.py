@@ -39,7 +39,7 @@ class Metadata:
     def notes(self) -> tuple[str, ...]:
         """Sentences on it for the user."""
         unseen = f"{counted(self.n_cameras, 'camera')} {'are' if self.n_cameras > 1 else 'is'} not used"
-        return (f"{unseen}: what only pictures show is not known here.",) if self.n_cameras else ()
+        return (f"{unseen}: rpil judges by numbers, not by images.",) if self.n_cameras else ()
 
 
 def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:

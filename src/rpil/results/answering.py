@@ -176,7 +176,7 @@ def doubts_of_witnesses(found: Witnesses, known: Answers) -> Iterator[str]:
     for name, confirmed, sign in zip(known.names, found.confirmed, found.sign, strict=False):
         outcome = "outcome" + f" {printable(name)}" * (name != "outcome")
         if confirmed < 0.5:
-            yield f"Nothing else that is known confirms the {outcome}, so that it counts for little."
+            yield f"No answer and no other outcome confirms the {outcome}, so it counts for little."
         elif sign < 0:
             yield f"The {outcome} contradicts the other answers: less of it counts as better."
 
