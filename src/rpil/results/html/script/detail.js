@@ -64,7 +64,7 @@ const makeDetail = (model, place, act) => {
       el("header", {}, el("h3", {}, names[m]), model.isOpen(m) ? [] : verdict()),
       el("p", { class: "buttons" }, button("good", "g", "Good"), button("bad", "b", "Bad"), live ? live.passing(m) : button("", "u", "No mark"),
         el("span", { class: "turn" }, el("button", { type: "button", "aria-label": "Previous", onclick: () => act.turn(-1) }, "‹"), el("button", { type: "button", "aria-label": "Next", onclick: () => act.turn(1) }, "›"))),
-      model.isOpen(m) ? el("p", { class: "muted" }, "It is shown above. What the audit thinks of it is shown after your answer.") : "",
+      model.isOpen(m) ? el("p", { class: "muted" }, "It is shown above. The audit's opinion appears after your answer.") : "",
       live && !model.isOpen(m) ? live.look(model, m, { step: act.step(), told: act.moved }) : "",
       makeBands(model, m, act),
       live ? live.said(model, m) : "",
