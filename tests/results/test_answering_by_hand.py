@@ -32,7 +32,7 @@ from rpil.results.record import Demonstrator, Interval
 from rpil.results.vocabulary import VOCABULARIES
 
 OF_GROUPS, OF_ALL = f"{TWO_GROUPS}B is shorter.", "Part 3 rests."
-TRUSTS = "The policy trusts 3 of 6 that agree; two labels turn it."
+TRUSTS = "The policy trusts 3 of 6 that agree; two labels can change this."
 ONE_ANSWER = "One answer alone does not make other demonstrations good or bad; give a second one."
 COLUMNS = np.linspace(1, -1, 6)[:, None] * np.ones((6, 2))
 """From which the first demonstrations seem good."""

@@ -174,7 +174,7 @@ def test_a_learner_trusts_the_larger_of_two_parts_until_two_labels_turn_it(parte
 
     assert of_each(parted) == first.tolist()
     assert {*parted.verdicts} == {"open"}, "an audit does not say who is good"
-    assert parted.notes[-1] == "The policy trusts 9 of 14 that agree; two labels turn it."
+    assert parted.notes[-1] == "The policy trusts 9 of 14 that agree; two labels can change this."
     turned = parted.answered({"d0": "bad", "d10": "good"})
     assert of_each(turned) == (1 - first).tolist()
     confirmed = parted.answered({"d0": "good", "d10": "bad"})

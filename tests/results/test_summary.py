@@ -85,8 +85,8 @@ def test_notes_name_the_only_operator_of_all_outliers_or_how_groups_differ():
 @pytest.mark.parametrize(
     ("part", "sentence"),
     [
-        ((1, 1, 1, -1, -1), "The policy trusts 3 of 5 that agree; two labels turn it."),
-        ((-1, -1, 1, -1, -1), "The policy trusts 1 of 5 that agree; two labels turn it."),
+        ((1, 1, 1, -1, -1), "The policy trusts 3 of 5 that agree; two labels can change this."),
+        ((-1, -1, 1, -1, -1), "The policy trusts 1 of 5 that agree; two labels can change this."),
         ((-0.5, -0.5, 0.5, 0.5, 0.5), "Two parts, 3 and 2, act differently; without two labels all are trusted."),
         ((0.5, 0.5, -0.5, -0.5, -0.5), "Two parts, 3 and 2, act differently; without two labels all are trusted."),
         ((0,) * 5, ""),

@@ -100,7 +100,7 @@ def whom_it_trusts(audit: Audit) -> str:
     n, sizes = len(audit.ids), np.sort([(audit.part > 0).sum(), (audit.part < 0).sum()])
     if (np.abs(audit.part) < 1).all():
         return f"Two parts, {sizes[1]:,} and {sizes[0]:,}, act differently; without two labels all are trusted."
-    return f"The policy trusts {(audit.part > 0).sum():,} of {n:,} that agree; two labels turn it."
+    return f"The policy trusts {(audit.part > 0).sum():,} of {n:,} that agree; two labels can change this."
 
 
 def parts_not_judged(data: FitData) -> tuple[str, ...]:
