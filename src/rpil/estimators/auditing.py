@@ -45,11 +45,11 @@ def audit(
     data : path, frame, Demonstrations, Recording or iterable of trajectories
         As for `rpil.read`; large files stay on disk.
     labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, sequence of such pairs, or path, optional
-        Answers about demonstrations, or about rows, (id, start, end), which are good or bad; of a CSV file (id,label,
-        and perhaps start,end) where it is a path.
+        Answers about demonstrations, or about rows by (id, start, end), which are good or bad; a path is a CSV file
+        (id,label, and perhaps start,end).
     outcome : str or several, mapping of id to number, or sequence of M numbers, optional
-        How each ended: a column, "length", a CSV file (id,value), or numbers, of which more is better (a minus
-        before a name: worse). Where all are 0 or 1, those with 0 are bad. Of several the worth is learned.
+        How each ended: a column, "length", a CSV file (id,value), or numbers. More is better; with a minus before the
+        name, less is. If all are 0 or 1, those with 0 are bad. Of several, rpil learns how reliable each is.
     random_state : int
         Seed; the same seed gives the same bits.
     settings : Settings, optional
