@@ -13,17 +13,13 @@ from worlds.recorded import CHANGES
 from worlds.simulated import PAPER, of_paper
 
 
-def draw(env, kind, seed):
-    """The bad and the good outliers of one draw of a cell of the paper."""
-    row = audited(Job("paper", f"{env} {kind} {seed}", lambda: of_paper(env, kind, seed)))
-    good, outlier = np.array(row["good"]), np.array(row["verdicts"]) < 0
-    return int((outlier & (good == 0)).sum()), int((outlier & (good == 1)).sum())
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("env", "kind"), [cell for cell in PAPER if cell[0] != "LunarLander-v3"])
+@pytest.mark.parametrize(("env", "kind"), [cell for cell in PAPER if cell[0] == "Acrobot-v1"])
 def test_the_bad_ones_of_the_papers_cells_are_outliers_and_no_other_is(env, kind):
-    assert draw(env, kind, 0) == (10, 0)
+    """Those of Mountain Car are in the quick run of tests/benchmarks/test_scripts.py."""
+    row = audited(Job("paper", f"{env} {kind} 0", lambda: of_paper(env, kind, 0)))
+    assert row["verdicts"] == [0 if good else -1 for good in row["good"]]
+    assert len(row["good"]) == 20
 
 
 def told(kind, name, good, verdicts, apart=None, **more):

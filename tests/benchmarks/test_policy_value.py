@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import policy_value
+from rpil.data.demonstrations import Demonstrations
 from value import report
 from value.information import information
 from value.rules import ALL, ORACLE, RULES, Judged, told, weights_of
@@ -28,8 +29,8 @@ def car():
 
 
 @pytest.mark.slow
-def test_a_rule_is_told_no_more_than_it_says(car):
-    """And gives a weight to every step, the largest 1."""
+def test_a_rule_is_told_no_more_than_it_says_and_weights_are_those_by_hand(car):
+    """Every step has a weight, the largest 1."""
     for name, rule in RULES.items():
         known = told(rule, car.world, car.judged, 0)
         assert (known.is_good is not None) == (name == ORACLE or "labels" in name)
@@ -37,10 +38,6 @@ def test_a_rule_is_told_no_more_than_it_says(car):
         weight = weights_of(rule, car.world, car.judged, 0)
         assert weight.shape == (car.world.demonstrations.n_steps,)
         assert (weight.max(), weight.min() >= 0) == (1, True)
-
-
-@pytest.mark.slow
-def test_weights_by_hand(car):
     world, lengths = car.world, car.world.demonstrations.lengths
     kept = {name: weights_of(RULES[name], world, car.judged, 0) for name in (ALL, ORACLE, "best 40 %")}
     assert kept[ALL].all()
@@ -51,8 +48,6 @@ def test_weights_by_hand(car):
 
 def test_idle_heads_and_tails_are_cut():
     """The state rests and the action is still the first, or already the last; a pause in between stays."""
-    from rpil.data.demonstrations import Demonstrations
-
     moves = np.array([0, 0, 0, 1, 2, 2, 3, 3, 3.0])
     acts = np.array([0, 0, 1, 1, 0, 1, 2, 0, 0.0])
     busy = np.arange(9.0)
@@ -64,8 +59,6 @@ def test_idle_heads_and_tails_are_cut():
 @pytest.mark.parametrize("discrete", [False, True])
 def test_information_is_larger_where_actions_depend_on_states(discrete):
     """Its mean over independent states and actions is 0; of a Gaussian pair it is -log(1 - r^2) / 2."""
-    from rpil.data.demonstrations import Demonstrations
-
     rng = np.random.default_rng(0)
     states, noise = rng.normal(size=(20, 100, 1)), rng.normal(size=(20, 100))
     numbers = np.where(np.arange(20)[:, None] < 10, 0.9 * states[..., 0] + np.sqrt(1 - 0.81) * noise, noise)
