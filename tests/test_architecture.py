@@ -157,7 +157,6 @@ WITHOUT_TESTS = {
     "faults/lag.py": "tests/faults/test_rules.py",
     "faults/rule.py": "tests/faults/test_rules.py",
     "faults/motion.py": "tests/faults/test_every_rule.py",
-    "faults/recorded.py": "tests/faults/test_frame_times.py",
     "faults/whole_rules.py": "tests/faults/test_every_rule.py",
     "segments/kinds.py": "values alone",
     "segments/settings.py": "values alone",
