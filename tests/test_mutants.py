@@ -83,9 +83,9 @@ def test_a_module_without_a_file_or_tests_is_refused(module, remedy, monkeypatch
         TOOL["main"]()
 
 
-@pytest.mark.parametrize("module", ["outliers", "tasks"])
-def test_a_mutant_takes_the_place_of_its_module_alone(module, monkeypatch):
+def test_a_mutant_takes_the_place_of_its_module_alone(monkeypatch):
     """The copy in which the tests run holds the changed module, and the library elsewhere."""
+    module, seen = "outliers", []
 
     def run(folder, tests):
         own = TOOL["path_of"](module, Path(folder) / "rpil")
@@ -95,7 +95,6 @@ def test_a_mutant_takes_the_place_of_its_module_alone(module, monkeypatch):
         assert tests == TOOL["tests_of"](module)
         seen.append(own.read_text())
 
-    seen = []
     monkeypatch.setattr(os, "fork", lambda: 0)  # the tests would run in the child
     for name, value in (("run", run), ("waited", lambda child: child)):
         monkeypatch.setitem(TOOL["passes"].__globals__, name, value)
