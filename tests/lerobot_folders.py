@@ -20,8 +20,6 @@ FPS = 20
 _MADE: dict[tuple[object, ...], Path] = {}
 """Folders that were made, by what was asked for."""
 
-STATISTICS = ("min", "max", "mean", "std", "count", "q10")
-
 
 def statistics(values: Any) -> dict[str, Any]:
     values = np.asarray(values, dtype=float).reshape(len(values), -1)
