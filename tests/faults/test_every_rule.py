@@ -172,6 +172,8 @@ def test_small_values_follow_from_a_length_that_is_odd():
     larger = [57.3 * values[:30] for values in CLEAN[M]]
     both = check(demonstrations(changed(CLEAN, M, observations=larger[0], actions=larger[1])))
     assert {"length", "scale"} <= set(both.counts)
+    (scale,) = (fault for fault in both.findings if fault.rule == "scale")
+    assert scale.value > scale.threshold > 1
 
 
 def test_without_it_there_is_no_fault_and_nothing_is_unknown():
