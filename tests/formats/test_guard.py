@@ -126,9 +126,9 @@ LEROBOT = {
         INFO,
     ),
     "statistics nested deeply": (lambda path: (path / STATS).write_text(DEEP), STATS),
-    "episodes missing": (lambda path: shutil.rmtree(path / "meta/episodes"), "episodes"),
-    "episodes without numbers": (rewrite_episodes(lambda table: table.drop_columns("episode_index")), "episodes"),
-    "episodes damaged": (lambda path: (path / EPISODES).write_bytes(b"PAR1"), "episodes"),
+    "episodes missing": (lambda path: shutil.rmtree(path / "meta/episodes"), "episode"),
+    "episodes without numbers": (rewrite_episodes(lambda table: table.drop_columns("episode_index")), "episode"),
+    "episodes damaged": (lambda path: (path / EPISODES).write_bytes(b"PAR1"), "episode"),
     "data no Parquet": (lambda path: (path / STEPS).write_bytes(b"no"), "file-000.parquet"),
     "data damaged": (damage_page, "file-000.parquet"),
 }

@@ -17,15 +17,16 @@ def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
         "mine",
         claims=lambda path: path.read_text() == "mine",
         read=lambda path, options: from_demonstrations(toy, "mine"),
-        keep=lambda *given: kept.append(given[:3]),
+        keep=lambda path, output, ids, options: kept.append((path, ids)) or output.touch(),
     )
     monkeypatch.setattr(registry, "FORMATS", [own, *registry.FORMATS])
     mine, other = tmp_path / "mine.csv", tmp_path / "other.csv"
     mine.write_text("mine")
     other.write_text("episode_index,action,observation.x\n0,a,1\n")
     assert formats.read_recording(mine).description.format == "mine"
-    find(mine).keep(tmp_path / "out.csv", [1])
-    assert kept == [(mine, tmp_path / "out.csv", [1])]
+    find(mine).keep(tmp_path / "out.csv", [0])
+    assert kept == [(mine, {"0"})]
+    assert (tmp_path / "out.csv").exists()
     assert rpil.read(other).ids == (0,)
 
 

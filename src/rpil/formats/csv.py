@@ -25,7 +25,7 @@ from rpil.data.text import counted
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
-from rpil.formats.format import Format, StepTables, called, keep_one_file
+from rpil.formats.format import Format, StepTables, called
 from rpil.formats.places import in_two_files
 from rpil.formats.scan import without_damaged
 from rpil.formats.steps import ArrowFile
@@ -295,26 +295,23 @@ def _whole(table: pa.Table, name: str, file: TextTable, columns: Columns) -> pa.
     return table
 
 
-def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
-    """Write the lines of the demonstrations `ids` of a text table, and its comments; return the ids found."""
+def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> None:
+    """Write the lines of the demonstrations `ids` of a text table, and its comments."""
     file = find_dialect(path, options)
-    column, found = file.names.index(find_text_columns(file, options, None).episode), set[str]()
+    column = file.names.index(find_text_columns(file, options, None).episode)
     with output.open("w", encoding="utf-8", newline="") as target:
         for _, line, values, fault in text_rows(file):
             if fault:
                 file.check()
-            demonstration = from_cell(values[column].strip()) if values else ""
-            found.add(demonstration)
-            if not values or demonstration in ids:
+            if not values or from_cell(values[column].strip()) in ids:
                 target.write(line)
-    return found & ids
 
 
 FORMAT = Format(
     name="CSV",
     claims=called(*TEXT_SUFFIXES),
     read=lambda path, options: read_files([path], options, path.name),
-    keep=keep_one_file(keep_text),
+    keep=keep_text,
     suffixes=TEXT_SUFFIXES,
     write=lambda path, *data: write_tables(path, iter([flat.from_demonstrations(*data)])),
 )

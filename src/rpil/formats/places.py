@@ -16,7 +16,7 @@ from rpil.data.errors import DataError
 from rpil.data.names import is_order, is_outcome
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
-from rpil.formats.metadata import unit_of
+from rpil.formats.metadata import clock_columns, find_clock
 from rpil.formats.steps import Steps
 from rpil.formats.table import Place
 from rpil.numerics.types import Array, Float, Int
@@ -188,13 +188,9 @@ def _numbered(labels: Sequence[Id], rows: Array) -> tuple[list[Id], Int[Array, "
 
 
 def _seconds(rows: Steps, columns: Columns) -> Float[Array, " N"]:
-    """The first column of time whose unit is known in seconds; NaN where it has no value."""
-    table = rows.read([*columns.orders, *columns.times])
-    for name, column in zip(table.column_names, table.columns, strict=True):
-        values = flat.order_values(column.drop_null())
-        if values is not None and len(values) and (unit := unit_of(name, column.type, values)) is not None:
-            if flat.kind_of_type(column.type) == "time":
-                column = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64())
-            return np.asarray(column.cast(pa.float64(), safe=False).to_numpy()) * unit
+    """The column of time in seconds from its smallest value on; NaN where it has no value."""
+    clock = find_clock(rows.read(clock_columns(columns)), columns, np.arange(2))
+    if clock is not None and clock.unit is not None:
+        return clock.ticks * clock.unit
     said = "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"
     raise DataError(f"{columns.source}: {said} <option>; make one of times in texts.", "order")

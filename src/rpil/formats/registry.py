@@ -16,13 +16,14 @@ import pyarrow as pa
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
+from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable, replacing
 from rpil.data.folders import check_folder
 from rpil.data.guard import guarded
+from rpil.data.id_values import check_ids
 from rpil.data.memory import TooLargeError, check_memory
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, StepTables, called, from_arrow, kept_of, write_list
+from rpil.formats.format import Format, StepTables, called, from_arrow, write_list
 from rpil.formats.recording import Recording, from_tables
 
 _LISTS = (".json", ".txt")
@@ -123,11 +124,16 @@ class ClaimedPath:
             new, path = self.check_output(output, options), Path(self.path)
             if not ids:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
+            there, wanted = there or self.read(options).ids, {*map(str, ids)}
+            check_ids(ids, there, path.name, "the ids")
             if self.is_list(new):
-                write_list(new, kept_of(there or self.read(options).ids, ids, path))
-            else:
-                assert self.format.keep is not None, "check_output refuses what is not written"
-                self.format.keep(path, new, ids, options)
+                write_list(new, [m for m in there if str(m) in wanted])
+                return
+            assert self.format.keep is not None, "check_output refuses what is not written"
+            with replacing(new) as temporary:
+                if path.is_dir():
+                    temporary.mkdir()
+                self.format.keep(path, temporary, wanted, options)
 
     def is_list(self, output: StrPath) -> bool:
         """Whether `keep` writes the list of the ids to an output of this name."""
