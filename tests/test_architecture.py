@@ -179,6 +179,8 @@ WITHOUT_TESTS = {
     "formats/columns.py": "as csv.py",
     "formats/lerobot/checked_folder.py": "tests/formats/lerobot/test_defects.py",
     "formats/recording.py": "as csv.py",
+    "formats/column_search.py": "tests/data/test_columns.py",
+    "formats/format.py": "tests/formats/test_registry.py",
     "data/run.py": "one function, tested with the files that carry its result",
     "formats/places.py": "as csv.py",
 }

@@ -84,6 +84,11 @@ def test_names_with_a_prefix_leave_out_the_others():
         ({"action": "acton"}, "no column is called 'acton'; correct action= .found 'action'"),
         ({"order": "*"}, "order needs one column, but 'episode', 'x', 'v', 'action' are called"),
         ({"exclude": ["x", "v"]}, "no column holds observations: name them observation.*"),
+        ({"action": "v", "observations": "x,v"}, "'v' is part of the action already; take it out of observations="),
+        (
+            {"id": "episode", "action": "v", "observations": "*"},
+            "'episode' is the id already; take it out of observations=",
+        ),
     ],
 )
 def test_a_wrong_name_is_refused_with_the_likely_ones(options, message):

@@ -239,11 +239,6 @@ def test_ids_are_texts_of_any_length_or_whole_numbers(tmp_path, ids):
     assert rpil.read(tmp_path / "two.hdf5").ids == tuple(ids.tolist())
 
 
-def test_one_step_and_the_next_observation_are_a_demonstration(written):
-    arrays = dict.fromkeys(("observations", "actions", "next_observations"), np.ones((1, 2)))
-    assert rpil.read(written(arrays)).lengths.tolist() == [1]
-
-
 def test_a_file_of_no_layout_is_refused_with_what_is_in_it(tmp_path, written):
     path = written({"q": np.array([1.0, 2.0])})
     with pytest.raises(
@@ -254,25 +249,6 @@ def test_a_file_of_no_layout_is_refused_with_what_is_in_it(tmp_path, written):
     with pytest.raises(DataError):
         find(path).keep(path.with_stem("kept"), [0])
     assert [*tmp_path.iterdir()] == before
-
-
-def test_no_npz_file_with_groups_is_kept(tmp_path):
-    np.savez(tmp_path / "a.npz", **{f"demo_{k}/{name}": STEPS[name] for k in range(2) for name in STEPS})
-    assert rpil.read(tmp_path / "a.npz").ids == ("demo_0", "demo_1")
-    assert find(tmp_path / "a.npz").unkept() == "arrays of this layout"
-
-
-def test_named_observations_do_not_change_where_demonstrations_end(written):
-    path = written(
-        dict(LAYOUTS)[
-            "There are no timeouts: demonstrations end at terminals, and where next_obs is not the "
-            "following observation."
-        ]
-        | {"force": STATES[:, :1]}
-    )
-    found = rpil.read(path, observations="force")
-    assert found.lengths.tolist() == list(LENGTHS)
-    np.testing.assert_array_equal(found.observations, STATES[:, :1])
 
 
 def test_lengths_say_more_than_a_mask_of_which_index_is_the_time(written):

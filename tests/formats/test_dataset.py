@@ -26,10 +26,6 @@ def small_batches(monkeypatch):
     monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 130)
 
 
-def read_all(data):
-    return list(chain(*data.shards(block_steps=BLOCK_STEPS)))
-
-
 CASES = {
     "discrete": (demonstrations, lambda t: t),
     "continuous": (lambda: demonstrations(continuous=True), lambda t: t),
@@ -66,30 +62,6 @@ def test_blocks_and_selections_are_those_in_memory(tmp_path, case):
                 np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
                 assert getattr(ours, name).dtype == getattr(theirs, name).dtype
     assert data.nbytes == memory.observations.nbytes + memory.actions.nbytes
-
-
-def changed(table, name, row, value):
-    values = table[name].to_pylist()
-    values[row] = value
-    return table.set_column(table.column_names.index(name), name, pa.array(values))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda t: pa.concat_tables([t, t]), "demonstration 0: it is both in 0.parquet and in"),
-        (
-            lambda t: changed(t, "observation.1", 1500, None),
-            r"0.parquet, demonstration \d+, row 1501: column 'observation.1' has no",
-        ),
-        (lambda t: changed(t, "episode_index", 0, None), "0.parquet, row 1: column 'episode_index' has no value"),
-    ],
-)
-def test_a_fault_of_the_files_is_reported_in_one_sentence(tmp_path, change, message):
-    table = change(flat.from_demonstrations(demonstrations(), {}))
-    with pytest.raises(DataError, match=message) as error:
-        rpil.open(write_files(table, tmp_path / "many"), on_disk=True).demonstrations  # noqa: B018
-    assert str(error.value).count(". ") == 0
 
 
 def test_files_with_other_columns_or_of_another_kind_are_refused(tmp_path):

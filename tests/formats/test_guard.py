@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import re
 import shutil
 from pathlib import Path
@@ -79,34 +78,6 @@ def test_row_groups_without_all_their_rows(monkeypatch, n_batches):
         refused(re.escape(path.name), "info", path, "--memory", "1kB")
 
 
-def write_json(path, change):
-    content = json.loads(path.read_text())
-    change(content)
-    path.write_text(json.dumps(content))
-
-
-def test_deep_json():
-    path = sample("LeRobot")
-    (path / INFO).write_text(DEEP)
-    refused(re.escape(path.name), "info", path)
-    with pytest.raises(DataError, match=path.name):
-        find(path).keep("kept", [0])
-    data = sample("CSV")
-    Path("deep.json").write_text(DEEP)
-    refused("deep.json", "check", data, "--expected", "deep.json")
-    for option in ("--labels", "--operator"):
-        refused("deep.json", "audit", data, option, "deep.json")
-    refused("deep.json", "keep", data, "-o", "k.csv", "--verdicts", "deep.json")
-
-
-def change_statistics(value):
-    return lambda path: write_json(path / STATS, lambda content: content.update(value))
-
-
-def change_info(**values):
-    return lambda path: write_json(path / INFO, lambda content: content.update(values))
-
-
 def rewrite_episodes(change):
     def damage(path):
         pq.write_table(change(pq.read_table(path / EPISODES)), path / EPISODES)
@@ -126,6 +97,7 @@ LEROBOT = {
         INFO,
     ),
     "statistics nested deeply": (lambda path: (path / STATS).write_text(DEEP), STATS),
+    "info nested deeply": (lambda path: (path / INFO).write_text(DEEP), INFO),
     "episodes missing": (lambda path: shutil.rmtree(path / "meta/episodes"), "episode"),
     "episodes without numbers": (rewrite_episodes(lambda table: table.drop_columns("episode_index")), "episode"),
     "episodes damaged": (lambda path: (path / EPISODES).write_bytes(b"PAR1"), "episode"),

@@ -82,14 +82,6 @@ def test_what_is_missing_in_numbers_that_are_not_read_is_no_fault():
     np.testing.assert_array_equal(found.demonstrations.observations.ravel(), range(40))
 
 
-def test_lists_of_another_length_in_a_later_batch_are_refused(monkeypatch):
-    monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 10)
-    lists = [[1.0, float(k), 2.0][: 2 + (k >= 20)] for k in range(40)]
-    rows = pa.table({"episode": np.repeat(range(4), 10), "obs": lists, "action": NUMBERS[:, 0]})
-    with refused("demonstration 2, row 21: column 'obs.0' has no value"):
-        rpil.open(rows).demonstrations  # noqa: B018
-
-
 @pytest.mark.parametrize("names", [("a", "a", "b"), ("a", "b"), ("a", "b", "c", "c")])
 def test_names_that_are_not_one_for_each_number_are_not_used(names):
     assert part_names("obs", 3, names) == ("obs.0", "obs.1", "obs.2")

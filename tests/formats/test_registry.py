@@ -8,7 +8,7 @@ from rpil.formats import registry
 from rpil.formats.format import Format
 from rpil.formats.recording import from_demonstrations
 from rpil.formats.registry import find
-from samples import assert_same_on_disk
+from samples import assert_same_on_disk, lerobot
 
 
 def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
@@ -28,6 +28,20 @@ def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
     assert kept == [(mine, {"0"})]
     assert (tmp_path / "out.csv").exists()
     assert rpil.read(other).ids == (0,)
+
+
+@pytest.mark.parametrize("name", ["out.csv", "out.hdf5", "out.zip"])
+def test_a_folder_is_no_file(tmp_path, name):
+    with pytest.raises(DataError, match="the data are a folder, so name a folder"):
+        find(lerobot(tmp_path)).keep(tmp_path / name, ["0"])
+
+
+@pytest.mark.parametrize("address", ["s3://KEY:HIDDEN@bucket/data", "https://a.org/x.csv?token=HIDDEN", "hf://a/b/c"])
+def test_addresses_are_not_read_and_their_secrets_not_shown(address):
+    with pytest.raises(
+        DataError, match=rf"^{address.partition('://')[0]}://\.\.\.: addresses are not read; download the"
+    ):
+        find(address)
 
 
 PACKAGE = """

@@ -112,23 +112,6 @@ def test_other_headers_are_refused_in_a_sentence_that_names_the_array(tmp_path, 
         read(tmp_path / "x", file, content)
 
 
-def test_a_codec_that_zarr_has_and_that_is_not_on_the_list_is_refused(tmp_path):
-    with pytest.raises(DataError, match="the codec 'lzma', which is not read, because it may run code"):
-        read(tmp_path / "x", ".zarray", json.dumps(FORMAT_2 | {"compressor": {"id": "lzma"}}))
-
-
-@pytest.mark.parametrize("name", ["imagecodecs_jpegxl", "imagecodecs_jpeg2k"])
-def test_images_are_known_by_their_codec(tmp_path, name):
-    for k, (file, about) in enumerate(
-        (
-            (".zarray", FORMAT_2 | {"compressor": {"id": name}}),
-            ("zarr.json", FORMAT_3 | {"codecs": [BYTES, {"name": name}]}),
-        )
-    ):
-        with pytest.raises(DataError, match="no column holds the action"):
-            read(tmp_path / f"{k}", file, json.dumps(about))
-
-
 def test_without_zarr_the_extra_is_named(tmp_path, monkeypatch):
     root = zarr.create_group(tmp_path / "x", zarr_format=2)
     root.create_array("meta/episode_ends", data=np.array([4, 11]))

@@ -141,11 +141,6 @@ class Columns:
         return list(dict.fromkeys(owners.get(name, name) for name in self.all))
 
     @property
-    def data(self) -> list[str]:
-        """The columns that hold the demonstrations themselves."""
-        return self._there(self.episode, *self.actions, *self.observations)
-
-    @property
     def facts(self) -> list[str]:
         """The columns of the session and of the outcomes."""
         outcomes = (name.removeprefix("-") for name in self.outcomes)
@@ -154,14 +149,10 @@ class Columns:
 
     @property
     def all(self) -> list[str]:
-        """All columns to read."""
-        ones = self.operator, self.task, self.intervention
-        named = [*(name for name in ones if name is not None), *self.facts]
-        return self._there(*self.data, *self.orders, *self.index, *self.parts, *self.times, *named)
-
-    def _there(self, *names: str) -> list[str]:
-        """Different names, without those of columns that are not there yet."""
-        return [name for name in dict.fromkeys(names) if name not in self.made]
+        """All columns to read, without those that are not there yet."""
+        data, ones = (self.episode, *self.actions, *self.observations), (self.operator, self.task, self.intervention)
+        others = *self.orders, *self.index, *self.parts, *self.times, *ones, *self.facts
+        return [name for name in dict.fromkeys((*data, *others)) if name is not None and name not in self.made]
 
 
 def by_column(reasons: Mapping[str, str], lists: Mapping[str, Sequence[str]]) -> dict[str, str]:

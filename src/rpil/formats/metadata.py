@@ -153,19 +153,11 @@ def usual_step(steps: Array) -> float | None:
     return float(steps[steps <= 1.5 * np.median(steps)].mean()) if len(steps) else None
 
 
-def clock_columns(columns: Columns) -> list[str]:
-    """The columns that may hold the time of each step, the likeliest first."""
-    named = [name for name in columns.all if plain_name(name) in TIMESTAMP]
-    return list(dict.fromkeys([*columns.orders, *named, *columns.times]))
-
-
-def find_clock(table: pa.Table, columns: Columns, offsets: Array) -> Clock | None:
-    """The first column of time whose unit is known, or else one that is called so; None where there is none.
-
-    The rows of the table are in the order of the demonstrations.
-    """
-    found: list[Clock] = []
-    for name in clock_columns(columns):
+def find_clock(steps: Steps, columns: Columns) -> Clock | None:
+    """The first column of time whose unit is known, or else one that is called so; None where there is none."""
+    named, found = [name for name in columns.all if plain_name(name) in TIMESTAMP], list[Clock]()
+    table = steps.read([*columns.orders, *named, *columns.times])  # the likeliest first
+    for name in table.column_names:
         missing = np.asarray(table[name].is_null(nan_is_null=True).to_numpy(), dtype=bool)
         values = order_values(table[name].filter(~missing))
         if values is None or not len(values):
@@ -174,7 +166,7 @@ def find_clock(table: pa.Table, columns: Columns, offsets: Array) -> Clock | Non
         ticks[~missing] = values - values.min()
         clock = Clock(ticks, unit_of(name, table[name].type, values))
         is_named = plain_name(name) in TIMESTAMP
-        passes = (np.diff(ticks) > 0).any() and not (clock.lengths(offsets) < 0).any()
+        passes = (np.diff(ticks) > 0).any() and not (clock.lengths(steps.offsets) < 0).any()
         if is_named or (clock.unit is not None and passes):
             found.append(clock)
     return next((clock for clock in found if clock.unit is not None), found[0] if found else None)

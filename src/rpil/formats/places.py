@@ -16,7 +16,7 @@ from rpil.data.errors import DataError
 from rpil.data.names import is_order, is_outcome
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
-from rpil.formats.metadata import clock_columns, find_clock
+from rpil.formats.metadata import find_clock
 from rpil.formats.steps import Steps
 from rpil.formats.table import Place
 from rpil.numerics.types import Array, Float, Int
@@ -189,7 +189,7 @@ def _numbered(labels: Sequence[Id], rows: Array) -> tuple[list[Id], Int[Array, "
 
 def _seconds(rows: Steps, columns: Columns) -> Float[Array, " N"]:
     """The column of time in seconds from its smallest value on; NaN where it has no value."""
-    clock = find_clock(rows.read(clock_columns(columns)), columns, np.arange(2))
+    clock = find_clock(replace(rows, offsets=np.arange(2)), columns)
     if clock is not None and clock.unit is not None:
         return clock.ticks * clock.unit
     said = "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"

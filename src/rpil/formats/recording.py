@@ -24,7 +24,6 @@ from rpil.formats.format import Defect, StepTables
 from rpil.formats.metadata import (
     Clock,
     Times,
-    clock_columns,
     different,
     find_clock,
     find_facts,
@@ -159,20 +158,11 @@ class Recording:
         found, steps, layout = self.found, self.steps, replace(self.found.layout, allows_missing=options.allow_missing)
         if found.fault is not None and (found.kind == "refused" or not options.allow_missing):
             raise found.fault
-        classes, n = found.classes, len(layout.action_names)
+        classes, n = found.classes, len(layout.actions)
         if found.fault is not None and layout.action.kind in "iu":  # numbers with gaps are no classes
             layout, classes = replace(layout, action=np.dtype(np.float64), n_parts=1), np.empty(0)
-        data = Dataset(
-            steps.ids,
-            steps.offsets,
-            steps.source,
-            steps,
-            layout,
-            classes,
-            found.low[:n],
-            found.high[:n],
-            options.memory,
-        )
+        ends = found.low[:n], found.high[:n]
+        data = Dataset(steps.ids, steps.offsets, steps.source, steps, layout, classes, *ends, options.memory)
         if not options.allow_missing:
             data.refuse_faulty(found.faulty)
         return data.select(slice(None)) if isinstance(steps.table, pa.Table) else data
@@ -197,14 +187,14 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
         if not is_sound.any():
             raise DataError(f"{source}: in every demonstration a value is missing or infinite; exclude the column.")
         aside, left_out, steps = [steps.ids[m] for m in sorted(seen.faulty)], seen.left_out, steps.only(is_sound)
-        left = tuple(name for name in layout.observations if name not in left_out)
+        left = {name: shown for name, shown in layout.observations.items() if name not in left_out}
         seen = scan(steps, replace(layout, observations=left), columns)
     columns, found = columns.without_observations(left_out | seen.left_out), replace(found, tables=())
     if len(steps.ids) < len(ids) or options.split_gap or options.segment:
         declared = found.metadata.lengths
         lengths = {m: declared[m] for m in steps.ids if m in declared}
         found = replace(found, metadata=replace(found.metadata, lengths=lengths))
-    clock = find_clock(steps.read(clock_columns(columns)), columns, steps.offsets)
+    clock = find_clock(steps, columns)
     description = _describe(steps, columns, seen, found, clock)
     n_asked = f"{asked.sum():,} of {len(ids):,} demonstrations are read, as asked."
     notes = (*description.notes, *([] if asked.all() else [n_asked]), *left_out_lines((), aside))
@@ -268,8 +258,8 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
         format=origin.format_name,
         demonstrations=len(steps.ids),
         steps=n_steps,
-        observations=layout.observation_names,
-        actions=layout.action_names,
+        observations=tuple(layout.observations.values()),
+        actions=tuple(layout.actions.values()),
         action_kind=found.kind,
         action_reason=found.reason,
         id_column=columns.episode,

@@ -243,12 +243,6 @@ def order_values(column: pa.ChunkedArray) -> Array | None:
     return values if values.dtype.kind in "iu" or (values.dtype.kind == "f" and np.isfinite(values).all()) else None
 
 
-def numbers_or_nothing(column: pa.ChunkedArray) -> Array:
-    """A column as (N,) numbers, with NaN where one is missing; texts are 0 or NaN."""
-    values = numbers_or_missing(column)
-    return np.where(column.is_null().to_numpy(), np.nan, 0.0) if values is None else values[:, 0]
-
-
 def _is_list(kind: pa.DataType) -> bool:
     return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
 

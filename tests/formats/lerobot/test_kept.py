@@ -10,7 +10,7 @@ import pytest
 
 import lerobot_folders as folders
 from rpil.data.errors import DataError
-from rpil.formats.lerobot.defects import find_defects
+from rpil.formats.lerobot.checked_folder import find_defects
 from rpil.formats.registry import find
 
 pytest.importorskip("av", reason="needs the extra video")

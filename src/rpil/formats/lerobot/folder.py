@@ -34,9 +34,10 @@ from rpil.formats.lerobot.checked_folder import (
     CheckedFolder,
     ColumnStatistics,
     annotate,
+    find_defects,
+    find_shots,
     joined_stats,
 )
-from rpil.formats.lerobot.defects import find_defects, find_shots
 from rpil.formats.meta_folder import cameras, chunk_size, fill
 from rpil.formats.parquet import keep_rows
 from rpil.numerics.types import Array
