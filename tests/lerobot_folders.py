@@ -201,6 +201,8 @@ def read(root: Path) -> list[dict[str, Any]]:
         table = pq.read_table(root / info["data_path"].format(**names))
         table = table.filter(pa.compute.equal(table["episode_index"], m))
         assert len(table) == row["length"]
+        if is_v3:
+            assert table["index"].to_pylist() == [*range(row["dataset_from_index"], row["dataset_to_index"])]
         assert table["frame_index"].to_pylist() == [*range(len(table))]
         own = {"rows": table}
         for key in keys:

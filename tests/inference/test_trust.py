@@ -11,7 +11,7 @@ from scipy.special import expit
 from hand_made import Written, groups_of, same_actions, scores_of, scoring_of
 from problems import fit_data_of, make, make_continuous
 from rpil.data.copies import Copies
-from rpil.data.demonstrator_groups import Demonstrators
+from rpil.data.fit_data import Demonstrators
 from rpil.inference import trust as module
 from rpil.inference.answered import answer
 from rpil.inference.answers import Answers

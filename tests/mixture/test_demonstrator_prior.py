@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.special import log_expit, logsumexp
 
-from rpil.data.demonstrator_groups import Demonstrators
+from rpil.data.fit_data import Demonstrators
 from rpil.mixture.demonstrator_prior import demonstrator_posterior, trust_by_demonstrator
 from rpil.mixture.settings import DemonstratorSettings
 

@@ -10,7 +10,7 @@ import pytest
 
 from audits import make_audit
 from rpil import DataError
-from rpil.data.demonstrator_groups import Demonstrators
+from rpil.data.fit_data import Demonstrators
 from rpil.inference.answered import Answered
 from rpil.inference.answers import Answers
 from rpil.inference.findings import FINDINGS

@@ -11,8 +11,7 @@ from scipy.special import logit
 from audits import make_audit
 from hand_made import answers_of
 from problems import pooled_state
-from rpil.data.demonstrator_groups import Demonstrators
-from rpil.data.fit_data import FitData
+from rpil.data.fit_data import Demonstrators, FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import CHANNELS
 from rpil.inference.outliers import Claims

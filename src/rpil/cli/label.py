@@ -22,7 +22,7 @@ from rpil.cli.audit import print_finding
 from rpil.cli.options import LABEL_OPTIONS, LABELS_FILE, RunOptions, Value, command_words, with_options
 from rpil.cli.terminal import show_stages
 from rpil.data.errors import DataError
-from rpil.data.folders import is_dangling
+from rpil.data.files import is_dangling
 from rpil.data.text import counted
 
 if TYPE_CHECKING:

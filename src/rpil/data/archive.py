@@ -110,21 +110,6 @@ def _field_names(kind: type) -> list[str]:
     return [f.name for f in fields(kind) if not f.name.startswith("_") and f.metadata.get("stored", True)]
 
 
-def check_array(value: object, axes: str, sizes: dict[str, int]) -> None:
-    """A `ValueError` where a value is not an array of numbers with these axes, of the `sizes` so far, to which new ones
-    are added."""
-    letters = axes.split()
-    if not isinstance(value, np.ndarray) or value.dtype != np.float64 or value.ndim != len(letters):
-        raise ValueError(axes)
-    for size, letter in zip(value.shape, letters, strict=True):
-        letter, _, more = letter.partition("+")
-        expected = int(letter) if letter.isdigit() else sizes.setdefault(letter, size - int(more or 0))
-        if size != expected + int(more or 0):
-            raise ValueError(axes)
-    if np.isnan(value).any():
-        raise ValueError(axes)
-
-
 class Decoder:
     """Converts nodes of a header to values. Each array is used once, and checked against the sizes of those before."""
 
@@ -134,8 +119,14 @@ class Decoder:
 
     def array(self, node: Any, axes: str) -> Array:
         """The array that `node` names; a `ValueError` or `KeyError` where it is missing, or has other axes."""
-        array = self.arrays.pop(node["array"])
-        check_array(array, axes, self.sizes)
+        array, letters = self.arrays.pop(node["array"]), axes.split()
+        if array.dtype != np.float64 or array.ndim != len(letters) or np.isnan(array).any():
+            raise ValueError(axes)
+        for size, letter in zip(array.shape, letters, strict=True):
+            letter, _, more = letter.partition("+")
+            expected = int(letter) if letter.isdigit() else self.sizes.setdefault(letter, size - int(more or 0))
+            if size != expected + int(more or 0):
+                raise ValueError(axes)
         return array
 
     def value(self, node: object) -> Any:

@@ -74,19 +74,14 @@ def _kind(part: object) -> object:
 
 def _parts(given: object) -> tuple[object, object] | None:
     """The observations and the actions in one of the forms of an episode; None where it has none of them."""
-    found = [_first_of(given, names) for names in NAMES]
+    get = given.get if isinstance(given, Mapping) else lambda name: getattr(given, name, None)
+    found = [next((part for part in map(get, names) if part is not None), None) for names in NAMES]
     if all(part is not None for part in found):
         return found[0], found[1]
     if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) and len(given) == 2:
         are_steps = all(isinstance(one, Mapping) and _parts(one) for one in given)
         return None if are_steps else (given[0], given[1])
     return None
-
-
-def _first_of(holder: object, names: Sequence[str]) -> object:
-    """The first of the entries, or attributes, of these names; None where there is none."""
-    get = holder.get if isinstance(holder, Mapping) else lambda name: getattr(holder, name, None)
-    return next((part for part in map(get, names) if part is not None), None)
 
 
 def _is_structure(part: object) -> TypeGuard[Mapping[object, object]]:

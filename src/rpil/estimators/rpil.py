@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rpil.data.demonstrator_groups import DemonstratorNames
 from rpil.data.files import StrPath
+from rpil.data.fit_data import DemonstratorNames
 from rpil.data.recorded_facts import Outcome
 from rpil.estimators.cloning import Given, PolicyEstimator, as_demonstrations, see
 from rpil.estimators.pipeline import FitOptions, FitResult, learn

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.demonstrator_groups import DemonstratorNames, Demonstrators, group_by_demonstrator
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
-from rpil.data.fit_data import FitData
+from rpil.data.fit_data import DemonstratorNames, Demonstrators, FitData, group_by_demonstrator
 from rpil.data.id_values import (
     check_ids,
     label_codes,

@@ -12,9 +12,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.demonstrator_groups import DemonstratorNames, names_by_id
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
+from rpil.data.fit_data import DemonstratorNames, names_by_id
 from rpil.data.names import quoted
 from rpil.data.recorded_facts import Outcome, check_outcome, check_sessions
 from rpil.estimators.pipeline import FitOptions, FitResult, FullFit

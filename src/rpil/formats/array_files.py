@@ -14,8 +14,7 @@ from rpil.data.archive import Npz, open_npz, write_npz
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.files import replacing
-from rpil.data.folders import is_hidden
+from rpil.data.files import is_hidden, replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import object_in, read_json
 from rpil.data.names import TASK, is_observation, may_be_outcome, natural_key, plain_name

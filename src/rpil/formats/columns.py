@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from typing import Literal
 
@@ -126,13 +126,6 @@ class Columns:
     made: tuple[str, ...] = ()  # columns that are not in the rows of the file yet
     id_written: bool = False  # ids are text, of which whole numbers are numbers
     intervention: str | None = None  # a flag of the steps in which a person had taken over
-
-    def without_observations(self, reasons: Mapping[str, str]) -> Columns:
-        """The same, where some columns are no observations for the `reasons`, of which a time may give the order."""
-        ignored = {**self.ignored, **by_column(reasons, self.lists)}
-        clocks = (m for m, why in reasons.items() if why == TIME_OF_STEP)
-        left = tuple(m for m in self.observations if m not in reasons)
-        return replace(self, observations=left, ignored=ignored, times=(*self.times, *clocks))
 
     @property
     def stored(self) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from itertools import chain
@@ -11,9 +10,7 @@ from typing import Protocol, runtime_checkable
 
 import pyarrow as pa
 
-from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.files import replacing
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
@@ -83,14 +80,6 @@ are there; so is the output, empty, where it is a folder."""
 def called(*suffixes: str) -> Callable[[Path], bool]:
     """Whether a path is a file whose name ends so."""
     return lambda path: path.is_file() and path.name.lower().endswith(suffixes)
-
-
-def write_list(output: Path, ids: Sequence[Id]) -> None:
-    """Write ids as JSON, ``{"episodes": [...]}``, where the `output` is called so, or else as text, one a line."""
-    is_json = output.suffix.lower() == ".json"
-    text = json.dumps({"episodes": [*ids]}, indent=1) if is_json else "\n".join(map(str, ids))
-    with replacing(output) as temporary:
-        temporary.write_text(f"{text}\n", encoding="utf-8")
 
 
 @dataclass(frozen=True)

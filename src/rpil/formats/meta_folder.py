@@ -9,14 +9,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TypeGuard
 
 import pyarrow as pa
 
 from rpil.data.arrays import Id
-from rpil.data.folders import check_inside, is_hidden
+from rpil.data.files import check_inside, is_hidden
 from rpil.data.guard import guarded
-from rpil.data.json_files import LARGEST_METADATA, LARGEST_TABLE, Parsed, parse, parse_lines
+from rpil.data.json_files import LARGEST_TABLE, Parsed, parse_lines, read_json, read_text
 from rpil.formats.metadata import Metadata
 from rpil.formats.parquet_file import read_table
 
@@ -39,21 +38,14 @@ class MetaFolder:
                 check_inside(place, self.path)
         return found
 
-    def _text(self, place: Path, limit: int) -> bytes:
-        """As much of a file as its kind has at most, and a byte more."""
-        with place.open("rb") as stream:
-            return stream.read(limit + 1)
-
     @cached_property
     def info(self) -> dict[str, Parsed]:
         """The content of ``info.json``; empty where it is not there, and a `DataError` where it is damaged."""
         place, name = self.path / "meta" / "info.json", f"{self.path.name}/meta/info.json"
         if place not in self.files:
             return {}
-        with guarded(place, remedy="change its permissions, or move it away"):
-            text = self._text(place, LARGEST_METADATA)
         with guarded(name, "it does not describe a data set", "write it again, or move it away"):
-            if isinstance(info := parse(text, name), dict):
+            if isinstance(info := read_json(place), dict):
                 return info
             raise TypeError("no object")
 
@@ -70,7 +62,7 @@ class MetaFolder:
         """
         lines = self.path / "meta" / f"{name}.jsonl"
         if lines in self.files:
-            return parse_lines(self._text(lines, LARGEST_TABLE), str(lines), LARGEST_TABLE)
+            return parse_lines(read_text(lines, LARGEST_TABLE), str(lines), LARGEST_TABLE)
         tables = [read_table(place) for place in self.tables(name)]
         return [row for one in tables for row in one.select([*filter(wanted, one.column_names)]).to_pylist()]
 
@@ -116,21 +108,11 @@ def read_metadata(paths: Sequence[str]) -> Metadata:
     )
 
 
-def _is_size(value: object) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < 1e15
-
-
 def frame_rate(value: Parsed) -> float | None:
-    """Frames a second; None where it is no number above 0."""
-    value = _number(value)
-    return float(value) if _is_size(value) and 0 < value < 1e9 else None
-
-
-def _number(value: Parsed) -> Parsed:
-    """The number that a text says; any other value as it is."""
-    with suppress(ValueError, TypeError):
-        return float(value) if isinstance(value, str) else value
-    return value
+    """The number that a value or a text says, as frames a second; None where it is none above 0."""
+    with suppress(ValueError, TypeError, OverflowError):
+        return float(value) if not isinstance(value, bool) and 0 < float(value) < 1e9 else None
+    return None
 
 
 def fill(template: str, chunk: int, file: int, camera: str = "") -> str:
@@ -149,8 +131,8 @@ def cameras(info: Mapping[str, Parsed], *kinds: str) -> tuple[str, ...]:
 
 def chunk_size(info: Mapping[str, Parsed]) -> int | None:
     """Files in a folder of data; None where ``info.json`` has no whole number above 0 for it."""
-    size = _number(info.get("chunks_size", 1000))
-    return int(size) if _is_size(size) and size >= 1 and size == int(size) else None
+    size = frame_rate(info.get("chunks_size", 1000))
+    return int(size) if size is not None and size.is_integer() else None
 
 
 def _part_names(feature: Mapping[str, object]) -> tuple[str, ...]:

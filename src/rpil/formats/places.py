@@ -19,7 +19,7 @@ from rpil.formats.columns import Columns
 from rpil.formats.metadata import find_clock
 from rpil.formats.steps import Steps
 from rpil.formats.table import Place
-from rpil.numerics.types import Array, Float, Int
+from rpil.numerics.types import Array, Int
 
 _WHOLE_NUMBER = re.compile(r"0|-?[1-9]\d{0,18}")
 _FILE_ORDER = "steps in the order of the file"
@@ -161,7 +161,13 @@ def shorter(
     "P01-0" and "P01-1"; and after each `segment` seconds from its first row on: into "P01 [0, 10) s" and
     "P01 [10, 20) s".
     """
-    seconds, is_new = _seconds(rows, columns), columns.episode in columns.made
+    clock, is_new = find_clock(replace(rows, offsets=np.arange(2)), columns), columns.episode in columns.made
+    if clock is None or clock.unit is None:
+        said = (
+            "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"
+        )
+        raise DataError(f"{columns.source}: {said} <option>; make one of times in texts.", "order")
+    seconds = clock.ticks * clock.unit
     if gap := columns.options.split_gap:
         steps, counts, labels = np.diff(seconds, prepend=np.nan), Counter[int](), list[Id]()
         starts = (steps > gap) | (steps < 0) | (np.diff(group, prepend=-1) != 0)
@@ -185,12 +191,3 @@ def _numbered(labels: Sequence[Id], rows: Array) -> tuple[list[Id], Int[Array, "
     numbers: dict[Id, int] = {}
     codes = [numbers.setdefault(label, len(numbers)) for label in labels]
     return [*numbers], np.array(codes, np.int32)[rows]
-
-
-def _seconds(rows: Steps, columns: Columns) -> Float[Array, " N"]:
-    """The column of time in seconds from its smallest value on; NaN where it has no value."""
-    clock = find_clock(replace(rows, offsets=np.arange(2)), columns)
-    if clock is not None and clock.unit is not None:
-        return clock.ticks * clock.unit
-    said = "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"
-    raise DataError(f"{columns.source}: {said} <option>; make one of times in texts.", "order")

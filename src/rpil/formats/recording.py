@@ -18,7 +18,7 @@ from rpil.data.files import StrPath
 from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
 from rpil.data.recorded_facts import Facts
-from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids
+from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids, by_column
 from rpil.formats.dataset import Dataset, Layout
 from rpil.formats.format import Defect, StepTables
 from rpil.formats.metadata import (
@@ -189,7 +189,13 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
         aside, left_out, steps = [steps.ids[m] for m in sorted(seen.faulty)], seen.left_out, steps.only(is_sound)
         left = {name: shown for name, shown in layout.observations.items() if name not in left_out}
         seen = scan(steps, replace(layout, observations=left), columns)
-    columns, found = columns.without_observations(left_out | seen.left_out), replace(found, tables=())
+    ignored, found = left_out | seen.left_out, replace(found, tables=())
+    columns = replace(
+        columns,
+        observations=tuple(m for m in columns.observations if m not in ignored),
+        ignored={**columns.ignored, **by_column(ignored, columns.lists)},
+        times=(*columns.times, *(m for m, why in ignored.items() if why == TIME_OF_STEP)),
+    )
     if len(steps.ids) < len(ids) or options.split_gap or options.segment:
         declared = found.metadata.lengths
         lengths = {m: declared[m] for m in steps.ids if m in declared}
@@ -277,7 +283,7 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
         notes=(
             *_notes(steps, columns, metadata.fps, recorded, constant),
             *origin.notes,
-            *(left_out_lines(origin.skipped) if origin.skipped else ()),
+            *left_out_lines(origin.skipped),
             *metadata.notes,
         ),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -16,14 +17,21 @@ import pyarrow as pa
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable, replacing
-from rpil.data.folders import check_folder
+from rpil.data.files import (
+    StrPath,
+    check_exists,
+    check_extension,
+    check_folder,
+    check_readable,
+    check_writable,
+    replacing,
+)
 from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
 from rpil.data.memory import TooLargeError, check_memory
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, StepTables, called, from_arrow, write_list
+from rpil.formats.format import Format, StepTables, called, from_arrow
 from rpil.formats.recording import Recording, from_tables
 
 _LISTS = (".json", ".txt")
@@ -126,11 +134,13 @@ class ClaimedPath:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
             there, wanted = there or self.read(options).ids, {*map(str, ids)}
             check_ids(ids, there, path.name, "the ids")
-            if self.is_list(new):
-                write_list(new, [m for m in there if str(m) in wanted])
-                return
-            assert self.format.keep is not None, "check_output refuses what is not written"
             with replacing(new) as temporary:
+                if self.is_list(new):
+                    kept, is_json = [m for m in there if str(m) in wanted], new.suffix.lower() == ".json"
+                    text = json.dumps({"episodes": kept}, indent=1) if is_json else "\n".join(map(str, kept))
+                    temporary.write_text(f"{text}\n", encoding="utf-8")
+                    return
+                assert self.format.keep is not None, "check_output refuses what is not written"
                 if path.is_dir():
                     temporary.mkdir()
                 self.format.keep(path, temporary, wanted, options)

@@ -56,7 +56,8 @@ def kind_of_type(kind: pa.DataType) -> Kind:
         return "text"
     if pa.types.is_temporal(kind):
         return "time"
-    return "list" if _is_list(kind) and _is_numeric(kind.value_type) else "nested"
+    is_list = pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind)
+    return "list" if is_list and _is_numeric(kind.value_type) else "nested"
 
 
 _COUNTED_ROWS = 30
@@ -241,10 +242,6 @@ def order_values(column: pa.ChunkedArray) -> Array | None:
     if values.dtype.kind in "mM":
         values = values.astype(np.int64)
     return values if values.dtype.kind in "iu" or (values.dtype.kind == "f" and np.isfinite(values).all()) else None
-
-
-def _is_list(kind: pa.DataType) -> bool:
-    return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
 
 
 def _is_numeric(kind: pa.DataType) -> bool:

@@ -10,8 +10,8 @@ from typing import TypeVar
 import numpy as np
 from scipy.special import expit
 
-from rpil.data.demonstrator_groups import Demonstrators
 from rpil.data.errors import DataError
+from rpil.data.fit_data import Demonstrators
 from rpil.data.id_values import Relation, check_ids, label_codes, label_rows, match_pairs, parse_answers, parse_marks
 from rpil.data.text import printable
 from rpil.inference.answered import Answered, answer, places_to_ask

@@ -10,8 +10,7 @@ from dataclasses import asdict, dataclass, fields, is_dataclass
 from pathlib import Path
 
 from rpil.data.archive import rpil_version
-from rpil.data.files import StrPath
-from rpil.data.folders import is_hidden
+from rpil.data.files import StrPath, is_hidden
 from rpil.data.text import for_others
 
 PROVENANCE_KEY = "rpil.provenance"

@@ -92,6 +92,7 @@ def test_totals_of_version_2(tmp_path):
     find(root).keep(tmp_path / "kept", [2, 5])
     info = json.loads((tmp_path / "kept" / "meta" / "info.json").read_text())
     assert (info["total_videos"], info["total_chunks"], info["fps"]) == (4, 1, folders.FPS)
+    assert info["splits"] == {"train": "0:2"}
     assert len([*(tmp_path / "kept" / "videos").rglob("*.mp4")]) == 4
 
 

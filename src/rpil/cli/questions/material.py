@@ -13,7 +13,7 @@ import numpy as np
 
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.folders import check_inside
+from rpil.data.files import check_inside
 from rpil.data.text import printable
 from rpil.formats.dataset import Dataset
 from rpil.formats.format import Shot

@@ -16,8 +16,7 @@ import pyarrow.parquet as pq
 
 from rpil.data.arrays import group_rows
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.files import new_folder
-from rpil.data.folders import check_inside, copy_folder
+from rpil.data.files import check_inside, copy_folder, new_folder
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed
 from rpil.formats.format import Defect, Shot
@@ -225,7 +224,7 @@ def find_defects(path: Path, look: bool) -> list[Defect]:
     """Find what of a folder does not agree with its data; `look` decodes the videos, which takes a while."""
     folder = CheckedFolder(path)
     found: dict[Defect, None] = {}
-    for rule in (_in_times, _in_totals, _in_numbers, _in_episodes, partial(_in_videos, look=look)):
+    for rule in (_in_times, _in_counts, _in_episodes, partial(_in_videos, look=look)):
         try:
             with guarded(path / "meta"):
                 found |= dict.fromkeys(rule(folder))
@@ -265,12 +264,17 @@ def _in_videos(folder: CheckedFolder, look: bool) -> Iterator[Defect]:
     return find_faults(shots, fps, folder.states() if look else None) if fps else iter(())
 
 
-def _in_totals(folder: CheckedFolder) -> Iterator[Defect]:
+def _in_counts(folder: CheckedFolder) -> Iterator[Defect]:
     totals = {"total_episodes": len(folder.data), "total_frames": sum(rows.n for rows in folder.data.values())}
     for name, number in totals.items():
         if folder.info.get(name, number) != number:
             said = f"{name} is {str(folder.info[name])[:40]}, and the data hold {number}"
             yield Defect("totals", INFO, said)
+    if gaps := {*range(max(folder.data, default=-1) + 1)} - folder.data.keys():
+        shown, n = parts_in_words(gaps, "episode", []), len(folder.data)
+        said = f"{shown} {'is' if len(gaps) == 1 else 'are'} missing of 0-{max(folder.data)}"
+        remedy = f"LeRobot looks for episodes and videos by position; number the {n} that are there from 0 to {n - 1}"
+        yield Defect("missing episodes", "data", f"{said}; {remedy}, as rpil keep does")
 
 
 def _in_episodes(folder: CheckedFolder) -> Iterator[Defect]:
@@ -297,11 +301,3 @@ def _in_episodes(folder: CheckedFolder) -> Iterator[Defect]:
         wrong += [f"its data are in {file}, not in {named}"] if named != file else []
         if wrong:
             yield Defect("episode table", str(m), "; ".join(wrong))
-
-
-def _in_numbers(folder: CheckedFolder) -> Iterator[Defect]:
-    if gaps := {*range(max(folder.data, default=-1) + 1)} - folder.data.keys():
-        shown, n = parts_in_words(gaps, "episode", []), len(folder.data)
-        said = f"{shown} {'is' if len(gaps) == 1 else 'are'} missing of 0-{max(folder.data)}"
-        remedy = f"LeRobot looks for episodes and videos by position; number the {n} that are there from 0 to {n - 1}"
-        yield Defect("missing episodes", "data", f"{said}; {remedy}, as rpil keep does")

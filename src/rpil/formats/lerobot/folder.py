@@ -17,8 +17,7 @@ import pyarrow.parquet as pq
 
 from rpil.data.arrays import group_rows
 from rpil.data.errors import DataError
-from rpil.data.files import check_readable
-from rpil.data.folders import copy_folder
+from rpil.data.files import check_readable, copy_folder
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import quoted

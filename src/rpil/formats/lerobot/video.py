@@ -61,7 +61,8 @@ def frame_times(path: Path) -> Array:
 @contextmanager
 def _opened(path: Path) -> Iterator[InputContainer]:
     fault = "it is no video, or a damaged one", "copy or download an MP4 file again"
-    with guarded(path, *fault), _open_mp4(check_readable(path)) as source:
+    # A guess at its kind might take it for a list of other files, which would be opened.
+    with guarded(path, *fault), load_av().open(str(check_readable(path).absolute()), format="mp4") as source:
         codec = source.streams.video[0].codec_context
         if codec.width * codec.height > LARGEST_FRAME:
             size = f"{codec.width} x {codec.height} pixels, over {LARGEST_FRAME:,}"
@@ -69,12 +70,6 @@ def _opened(path: Path) -> Iterator[InputContainer]:
         codec.options = {"max_pixels": str(LARGEST_FRAME)}  # where the header says less than there is
         codec.thread_count = 1  # which takes the least work, and memory for one frame
         yield source
-
-
-def _open_mp4(path: Path) -> InputContainer:
-    """The open file: a guess at its kind might take it for a list of other files, which would be opened."""
-    source: InputContainer = load_av().open(str(path.absolute()), format="mp4")
-    return source
 
 
 def look(path: Path) -> tuple[Array, Array]:
