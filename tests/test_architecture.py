@@ -177,7 +177,6 @@ WITHOUT_TESTS = {
     "formats/step_arrays.py": "tests/formats/test_array_layout.py",
     "data/names.py": "as csv.py",
     "formats/columns.py": "as csv.py",
-    "formats/lerobot/checked_folder.py": "tests/formats/lerobot/test_defects.py",
     "formats/recording.py": "as csv.py",
     "formats/column_search.py": "tests/data/test_columns.py",
     "formats/format.py": "tests/formats/test_registry.py",

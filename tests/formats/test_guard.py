@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import os
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -116,3 +120,15 @@ def test_damaged_lerobot_is_not_kept(damage):
     assert LEROBOT[damage][1] in str(caught.value)
     assert not [*Path().glob("*kept*")]
     refused("", "keep", path, "-o", "kept", "--verdicts", "labels.csv")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="elsewhere a process ends otherwise")
+def test_a_crash_of_a_library_prints_where_it_happened(tmp_path):
+    np.savez(tmp_path / "a.npz", observations=np.eye(4), actions=[0, 1, 0, 1], episode_ids=[0, 0, 1, 1])
+    crash = "import os, rpil.data.archive as npy\nnpy.read_arrays = lambda *_: os.abort()\n"
+    script = f"import sys\nsys.argv = ['rpil', 'info', {str(tmp_path / 'a.npz')!r}]\n{crash}"
+    script += "from rpil.cli.entry import main\nmain()\n"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode < 0
+    assert "Fatal Python error: Aborted" in done.stderr
+    assert "array_files.py" in done.stderr
