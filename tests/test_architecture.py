@@ -171,17 +171,12 @@ WITHOUT_TESTS = {
     "results/judged.py": "tests/results/test_tasks_columns.py",
     "estimators/task.py": "what RPIL, RMEnt and reweight read; each of them is tested",
     "data/arrays.py": "tests/data/test_demonstrations.py",
-    "formats/csv.py": "tests/data/test_csv_variants.py",
-    "formats/parquet.py": "as csv.py",
-    "formats/table.py": "as csv.py",
+    "formats/parquet.py": "tests/formats/test_csv.py",
     "formats/step_arrays.py": "tests/formats/test_array_layout.py",
-    "data/names.py": "as csv.py",
-    "formats/columns.py": "as csv.py",
-    "formats/recording.py": "as csv.py",
-    "formats/column_search.py": "tests/data/test_columns.py",
+    "data/names.py": "tests/formats/test_csv.py",
+    "formats/columns.py": "tests/formats/test_csv.py",
     "formats/format.py": "tests/formats/test_registry.py",
     "data/run.py": "one function, tested with the files that carry its result",
-    "formats/places.py": "as csv.py",
 }
 """Files of the library that no test file is named after, and why."""
 
