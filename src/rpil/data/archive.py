@@ -190,8 +190,18 @@ def read_arrays(archive: zipfile.ZipFile, members: Sequence[str], where: str) ->
     A `DataError` where they would not fit in memory, or one holds Python objects; where one is damaged, an error of
     another type, such as `ValueError`.
     """
-    check_memory(sum(_declared_bytes(archive, member, where) for member in members), where)
-    arrays = []
+    n_bytes, arrays = 0, []
+    for member in members:
+        shape, dtype, n_before = _head(archive, member)
+        if dtype.hasobject:
+            raise DataError(
+                f"{where}: {member!r} holds Python objects, which are never unpickled because that can run any code; "
+                "save plain arrays of numbers or text, with numpy.asarray(values.tolist()) where they are objects."
+            )
+        if math.prod(shape) * dtype.itemsize != archive.getinfo(member).file_size - n_before:
+            raise ValueError(member)
+        n_bytes += math.prod(shape) * (dtype.itemsize + 8)  # and a copy as float64
+    check_memory(n_bytes, where)
     for member in members:
         with archive.open(member) as stream:
             array = npy.read_array(stream, allow_pickle=False)
@@ -242,20 +252,6 @@ def write_arrays(archive: zipfile.ZipFile, arrays: Mapping[str, Array]) -> None:
     for name, array in arrays.items():
         with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:  # without the time of writing
             npy.write_array(stream, array, allow_pickle=False)
-
-
-def _declared_bytes(archive: zipfile.ZipFile, member: str, where: str) -> int:
-    """Bytes of an array and of its copy as float64; a `ValueError` where the member does not hold as many."""
-    shape, dtype, n_before = _head(archive, member)
-    if dtype.hasobject:
-        raise DataError(
-            f"{where}: {member!r} holds Python objects, which are never unpickled because that can run any code; "
-            "save plain arrays of numbers or text, with numpy.asarray(values.tolist()) where they are objects."
-        )
-    n_bytes = math.prod(shape) * dtype.itemsize
-    if n_bytes != archive.getinfo(member).file_size - n_before:
-        raise ValueError(member)
-    return n_bytes + 8 * math.prod(shape)
 
 
 def _head(archive: zipfile.ZipFile, member: str) -> tuple[tuple[int, ...], np.dtype[np.generic], int]:

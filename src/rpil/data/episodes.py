@@ -35,7 +35,9 @@ def lay_end_to_end(
     read = [as_episode(*one) for one in zip(given, places, strict=True)]
     for where, episode in zip(places, read, strict=True):
         for what, one, first in zip(("observations", "actions", "names"), episode, read[0], strict=True):
-            if _kind(one) != _kind(first):
+            # All episodes have the same names, and arrays of the same width, of text or not.
+            forms = ((x.shape[1:], x.dtype.kind == "U") if isinstance(x, np.ndarray) else x for x in (one, first))
+            if len({*forms}) > 1:
                 raise DataError(
                     f"{where}: its {what} differ in width or kind from those of demonstration {names[0]!r}; "
                     "give every demonstration the same columns."
@@ -65,11 +67,6 @@ def as_episode(given: object, where: str) -> tuple[Array, Array, tuple[str, ...]
     if not lengths[1]:
         raise DataError(f"{where}: it has no steps; leave it out.")
     return as_observations(observations[: lengths[1]], where), actions, names
-
-
-def _kind(part: object) -> object:
-    """Common form of all episodes: names, or the width of an array and whether it is text."""
-    return (part.shape[1:], part.dtype.kind == "U") if isinstance(part, np.ndarray) else part
 
 
 def _parts(given: object) -> tuple[object, object] | None:

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from rpil.data.arrays import Id, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
-from rpil.data.names import is_order, is_outcome
+from rpil.data.names import ORDER_COLUMNS, OUTCOME, plain_name
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
 from rpil.formats.metadata import find_clock
@@ -109,8 +109,8 @@ def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> t
 
 def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str) -> None:
     """A `DataError` where ids are yes or no; or where a user chose the time or number of a row."""
-    name, flags = columns.episode, {str(name).lower() for name in names[:3]}
-    if flags <= {"true", "false"} or (flags <= {"0", "1"} and is_outcome(name)):
+    name, plain, flags = columns.episode, plain_name(columns.episode), {str(name).lower() for name in names[:3]}
+    if flags <= {"true", "false"} or (flags <= {"0", "1"} and OUTCOME.fullmatch(plain)):
         raise DataError(
             f"{source}: column {name!r} is yes or no, and no id; where it marks the ends of demonstrations, make a "
             f"column of ids from it, in Python: numpy.cumsum({name}) - {name}."
@@ -124,7 +124,8 @@ def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str)
             "that is meant, call it episode_index; where <option> or <option> is given, give more seconds.",
             ("id", "split_gap", "split_gap", "segment"),
         )
-    if is_order(name) and 2 * np.count_nonzero(group[1:] != group[:-1]) > len(group):
+    is_order = any(pattern.fullmatch(plain) for pattern in ORDER_COLUMNS)
+    if is_order and 2 * np.count_nonzero(group[1:] != group[:-1]) > len(group):
         said = "looks like a time, or the number of a step, as it changes from row to row"
         raise DataError(f"{source}: {name!r} {said}; {ways}.", ("id", "split_gap"))
 
