@@ -9,11 +9,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from rpil.data.archive import settings_record
 from rpil.data.copies import copies_among
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.data.settings_record import settings_record
 from rpil.estimators.task import ActionBox, Labels, Task, answers_of
 from rpil.inference.answers import check_copied_labels
 from rpil.inference.held_out import HeldOutModel, log_reference

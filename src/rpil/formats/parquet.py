@@ -19,8 +19,7 @@ from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.format import Format, StepTables, called
-from rpil.formats.meta_folder import MetaFolder, read_metadata
-from rpil.formats.metadata import Metadata
+from rpil.formats.metadata import Metadata, MetaFolder, read_metadata
 from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, opened, read_table
 from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table import BATCH_ROWS, other_columns

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from dataclasses import field
 
-from rpil.data.archive import NOT_STORED
-from rpil.data.settings_record import check_settings, settings_record
+from rpil.data.archive import NOT_STORED, check_settings, settings_record
 from rpil.mixture.settings import DemonstratorSettings
 from rpil.numerics.regression import ErrorSettings
 

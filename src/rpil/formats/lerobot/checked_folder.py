@@ -21,8 +21,7 @@ from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot.video import NEAR_SECONDS, find_faults, load_av
-from rpil.formats.meta_folder import MetaFolder, cameras, chunk_size, fill, frame_rate
-from rpil.formats.metadata import usual_step
+from rpil.formats.metadata import MetaFolder, cameras, chunk_size, fill, frame_rate, usual_step
 from rpil.formats.parquet_file import read_table
 from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table import numbers_or_missing

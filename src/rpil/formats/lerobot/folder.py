@@ -37,7 +37,7 @@ from rpil.formats.lerobot.checked_folder import (
     find_shots,
     joined_stats,
 )
-from rpil.formats.meta_folder import cameras, chunk_size, fill
+from rpil.formats.metadata import cameras, chunk_size, fill
 from rpil.formats.parquet import keep_rows
 from rpil.numerics.types import Array
 
