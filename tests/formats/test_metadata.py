@@ -18,7 +18,7 @@ from problems import refused
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import ColumnOptions, read_recording
-from rpil.formats.metadata import fill
+from rpil.formats.metadata import fill, unit_of
 from samples import LENGTHS, OWNERS, SAMPLES, STATES, lerobot
 
 SUCCESS = np.array([0, 0, 0, 1, *[0] * 6, *[0] * 4, 1])
@@ -184,6 +184,22 @@ def test_timestamps_are_in_seconds(tmp_path, unit):
     pq.write_table(typed, tmp_path / "b.parquet")
     found = timestamps(tmp_path / "b.parquet", options=ColumnOptions(order="recorded"))
     np.testing.assert_allclose(found, IN_ORDER, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "unit"),
+    [
+        ("time", [0.0, 0.5], 1.0),
+        ("time", [0.0, 1.0], None),  # whole numbers may count anything
+        ("time", [0, 1], None),
+        ("x", [0.0, 0.5], None),
+        ("stamp_ms", [0, 1], 1e-3),
+        ("ms", [0, 1], None),
+        *(("x", [0, 17 * 10**n], unit) for n, unit in ((8, None), (11, 1e-3), (14, 1e-6), (17, 1e-9))),
+    ],
+)
+def test_the_unit_of_a_time_is_known_by_its_name_or_its_size(name, values, unit):
+    assert unit_of(name, pa.array(values).type, np.array(values)) == unit
 
 
 def test_a_number_that_does_not_grow_is_no_time(tmp_path):
