@@ -9,7 +9,7 @@ import os
 import shlex
 import sys
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -294,17 +294,6 @@ def choice_asked(
         click.echo(f"note: --without-faults: {rule} was not checked, because {unknown[rule]}.", err=True)
     faulty = {str(fault.id) for fault in faults if fault.rule in options.without_faults}
     return Asked(share, at_least, faulty)
-
-
-def look_lines(audit: Audit, choice: Choice, report: FaultReport | None = None) -> Iterator[str]:
-    """The demonstrations to look at, and the question, until answers contrast."""
-    from rpil.results.overview import first_sentence
-
-    if choice.asked.by_number or audit.anchor == "named adversary" or audit.answers.once(audit.copy_of).contrast:
-        return
-    yield first_sentence(audit, report.odd if report else ())
-    if audit.question:
-        yield audit.question
 
 
 def tell_if_too_many(audit: Audit, limit: str | None) -> int:

@@ -52,6 +52,7 @@ def main(ctx: click.Context, /) -> None:
         click.echo(ctx.get_help())
 
 
+UNDECIDED = "No two answers contrast yet; rpil audit names the demonstrations to look at, and asks."
 SET = "The set in one table, in Markdown: how each action moves, and what a trainer will stumble over."
 
 for command in (audit, check, label, review):
@@ -152,11 +153,12 @@ def keep(
         from rpil.results.choice import choose, verdicts_about
         from rpil.results.lost import lost_places
 
-        audit, named = None, set[str]()
+        waits, named = False, set[str]()
         if verdicts is None:
             run = commands.judge(file, given, progress)
-            read, audit = run.recording, run.audit
-            table: Table = audit.table()
+            read, known = run.recording, run.audit.answers.once(run.audit.copy_of)
+            waits = run.audit.anchor != "named adversary" and share is at_least is None and not known.contrast
+            table: Table = run.audit.table()
         else:
             read = commands.open_recording(file, replace(given.columns, allow_missing=True), progress)
             table, named = verdicts_about(verdicts, read.demonstrations.ids, read.ids)
@@ -176,9 +178,8 @@ def keep(
         click.echo(f"{n_unnamed:,} of these are not named in {verdicts}: --only IDS keeps some alone.")
     print_lines(choice.lines())
     if not given.quiet:
-        look_at = () if audit is None else commands.look_lines(audit, choice, faults)
-        more = ["These ids are kept; rpil convert with --only IDS writes a table of them."]
-        print_lines([*look_at, *lost, *(more if source.is_list(output) else ())])
+        of_list = "These ids are kept; rpil convert with --only IDS writes a table of them."
+        print_lines([*([UNDECIDED] * waits), *lost, *([of_list] * source.is_list(output))])
 
 
 @main.command()
