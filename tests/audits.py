@@ -63,7 +63,7 @@ def make_audit(
         "copy_of": np.arange(size),
         "adversary": "uniform",
         "settings": AuditSettings(),
-        "assumptions": ("Those who agree follow one policy.", "Nobody acts at random."),
+        "method": ("Those who agree follow one policy.", "Nobody acts at random."),
     }
     fields |= changes
     for name, label in (labels or {}).items():

@@ -46,7 +46,7 @@ KINDS = {
     "doubt": make_audit(("bad",) + ("open",) * 38 + ("good",), doubts=(DOUBT, DOUBT), **ANSWERED, **PAIR),
     "labels": make_audit(("bad",) * 10 + ("open",) * 10 + ("good",) * 20, **ANSWERED, **PAIR),
     "operators": make_audit(VERDICTS, demonstrators=PEOPLE, notes=NOTES, **PAIR),
-    "tasks": make_audit(VERDICTS, within="tasks", assumptions=("They are judged within their tasks. " * 9,), **PAIR),
+    "tasks": make_audit(VERDICTS, within="tasks", method=("They are judged within their tasks. " * 9,), **PAIR),
     "long ids": make_audit(VERDICTS, ids=LONG, **(PAIR | {"pair": (LONG[0], LONG[39])})),
     "a damaged policy": make_audit(("open",) * 40, finding="nothing could be learned", **PAIR),
 }

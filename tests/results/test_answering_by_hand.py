@@ -16,7 +16,6 @@ from rpil.inference.answers import Answers
 from rpil.inference.findings import FINDINGS
 from rpil.inference.witnesses import Witnesses
 from rpil.results.answering import (
-    NOT_USED,
     NOTHING_FOLLOWED,
     doubts_of_answers,
     known_demonstrators,
@@ -41,8 +40,7 @@ COLUMNS = np.linspace(1, -1, 6)[:, None] * np.ones((6, 2))
 def two_groups(**changes):
     """Six demonstrations, of which the first three are one group and the others another."""
     known = {"finding": "two groups", "identifiable": False, "competing": ((0, 1, 2), (3, 4, 5)), "pair": (0, 3)}
-    said = FINDINGS["two groups"], VOCABULARIES["none"].explanation, OF_GROUPS, OF_ALL, TRUSTS, "Slow.", NOT_USED
-    known |= {"notes": (OF_GROUPS, OF_ALL, TRUSTS), "doubts": ("Slow.",), "assumptions": said}
+    known |= {"notes": (OF_GROUPS, OF_ALL, TRUSTS), "doubts": ("Slow.",), "method": ()}
     return make_audit(("open",) * 6, lengths=[2] * 6, **({"columns": COLUMNS} | known | changes))
 
 
@@ -53,13 +51,18 @@ def sentence(counts):
 @pytest.mark.parametrize("labels", [{0: "good"}, {0: "bad", 4: "bad"}])
 def test_two_groups_are_told_until_answers_contrast(labels):
     audit, words = two_groups(), (FINDINGS["answered"], VOCABULARIES["answers"].explanation)
+    assert audit.assumptions == (
+        FINDINGS["two groups"],
+        VOCABULARIES["none"].explanation,
+        "Lengths and rewards were not used.",
+    )
     one = audit.answered(labels)
     assert (one.identifiable, one.competing, one.notes) == (False, audit.competing, audit.notes)
     count = "1 label" if len(labels) == 1 else "2 labels"
-    assert one.assumptions == (*words, OF_GROUPS, OF_ALL, TRUSTS, sentence(count))
+    assert one.assumptions == (*words, sentence(count))
     for two in (audit.answered({0: "good", 3: "bad"}), audit.answered({0: "good"}).answered({3: "bad"})):
         assert (two.identifiable, two.competing, two.notes) == (True, (), (OF_ALL,))
-        assert two.assumptions == (*words, OF_ALL, sentence("2 labels"))
+        assert two.assumptions == (*words, sentence("2 labels"))
     assert two_groups(identifiable=True).answered({0: "good"}).identifiable
     of_one = two_groups(notes=("All outliers are of one operator, Ann: perhaps a style.",))
     assert (len(of_one.answered({0: "bad"}).notes), of_one.answered({0: "bad", 1: "good"}).notes) == (1, ())

@@ -111,7 +111,7 @@ def audit(
         found = [*exchange.of_audit(result), *exchange.of_faults(faults.findings)]
         click.echo(exchange.written(form, found, file, "rpil audit", headline(result)))
     else:
-        within = fit(result.assumptions[0], line_width(), 2) if result.within else ()
+        within = fit(result.method[0], line_width(), 2) if result.within else ()
         head = recording.description.short() if all_rows else head_lines(recording.description)
         print_audit(result, [*head, *within, ""], faults, closing_lines(ctx, result), all_rows)
     for title, lines in said.items():

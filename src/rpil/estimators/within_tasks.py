@@ -27,7 +27,6 @@ from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
 from rpil.results.record import Audit
 from rpil.results.step_weights import takeover_signs, without_bad_rows
-from rpil.results.summary import assumption_sentences
 from rpil.results.tasks import first_of, join_audits
 
 MIN_DEMONSTRATIONS = 8
@@ -180,8 +179,7 @@ def _fit_group(
 
 
 def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitResult:
-    """Decide which demonstrations of a task to trust, and fit the final policy if it is kept; the audit names the
-    assumptions."""
+    """Decide which demonstrations of a task to trust, and fit the final policy if it is kept; the audit says how."""
     options.check(task)
     stages = FullFit(task, options, keeps_policy)
     may_sample, sample = options.judges and options.policy is None, options.settings.sample
@@ -191,22 +189,21 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
         stages = SampledFit(task, options, keeps_policy)
     with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
         result = stages.run()
-    own, prior = type(options.policy).__name__, options.settings.mixture.prior
-    sentences = assumption_sentences(
-        result.audit,
+    own, prior, judged = type(options.policy).__name__, options.settings.mixture.prior, result.judgement
+    method = (
+        f"P(two groups of scores) is {judged.scores.groups.p_two:.2f}." if judged else "",
         f"The policy is linear in {result.features.kind} features."
         if options.policy is None
         else f"The policy is a {own}; each demonstration was scored by a copy that was fitted without it.",
-        p_two_groups=None if result.judgement is None else result.judgement.scores.groups.p_two,
-        expert_share=prior if isinstance(prior, float) and not options.judges else None,
-        demonstrators=task.demonstrators.note,
+        f"The share of experts was fixed at {prior}." if isinstance(prior, float) and not options.judges else "",
+        task.demonstrators.note,
     )
     if not result.converged:
         from sklearn.exceptions import ConvergenceWarning
 
         message = "EM stopped at max_iter before it converged; raise max_iter or tol."
         warnings.warn(message, ConvergenceWarning, stacklevel=2)
-    return replace(result, audit=replace(result.audit, assumptions=sentences))
+    return replace(result, audit=replace(result.audit, method=tuple(filter(None, method))))
 
 
 def with_reference(demonstrations: Demonstrations, reference: Demonstrations) -> Demonstrations:

@@ -16,7 +16,7 @@ from rpil.data.id_values import Relation, check_ids, label_codes, label_rows, ma
 from rpil.data.text import printable
 from rpil.inference.answered import Answered, answer, places_to_ask
 from rpil.inference.answers import Answers, check_copied_labels
-from rpil.inference.findings import DECIDED, FINDINGS
+from rpil.inference.findings import DECIDED
 from rpil.inference.groups import expert_share_interval
 from rpil.inference.witnesses import Witnesses
 from rpil.numerics.types import Array, Float, Int
@@ -26,9 +26,6 @@ from rpil.results.step_weights import weights_of
 from rpil.results.vocabulary import SIDES, VOCABULARIES, Verdict
 
 Id = TypeVar("Id", bound=Hashable)
-
-NOT_USED = "Lengths and rewards were not used."
-"""The assumption without answers."""
 
 MIN_FIRST = 5
 """Demonstrations to look at first, at least."""
@@ -86,7 +83,6 @@ def with_answers(audit: A, known: Answers) -> A:
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=doubts_of_answers(found, known, is_decided),
         notes=tuple(note for note in audit.notes if not (is_decided and is_over(note))),
-        assumptions=_assumptions(audit, known, is_decided),
     )
     return replace(answered, step_weight=weights_of(answered), rejected_by=rejecting_rules(answered))
 
@@ -103,14 +99,6 @@ def rejecting_rules(audit: Judged) -> tuple[str, ...]:
     rules = {"": known.labels > 0, "outcome": known.failed, "labels": known.labels < 0}
     rules |= {"adversary": verdicts == "adversary", "answers": is_bad}
     return tuple(np.select([*rules.values()], [*rules], "").tolist())
-
-
-def _assumptions(audit: Judged, known: Answers, is_decided: bool) -> tuple[str, ...]:
-    """The sentences of an audit, without those that answers replace."""
-    said = sentence_of(audit, audit.answers)
-    old = {*FINDINGS.values(), audit.vocabulary.explanation, *audit.doubts, said, NOT_USED}
-    kept = (one for one in audit.assumptions if one not in old and not (is_decided and is_over(one)))
-    return (FINDINGS["answered"], VOCABULARIES["answers"].explanation, *kept, sentence_of(audit, known))
 
 
 def is_over(sentence: str) -> bool:
@@ -181,9 +169,9 @@ def doubts_of_witnesses(found: Witnesses, known: Answers) -> Iterator[str]:
             yield f"The {outcome} contradicts the other answers: less of it counts as better."
 
 
-def sentence_of(audit: Judged, known: Answers) -> str:
+def sentence_of(audit: Judged) -> str:
     """How many answers there are, about different demonstrations."""
-    known = known.once(audit.copy_of)
+    known = audit.answers.once(audit.copy_of)
     counts = {
         "labels": int(np.count_nonzero(known.labels)),
         "pairs": len(known.compared),

@@ -103,7 +103,7 @@ class Judged:
     identifiable: bool = True
     competing: tuple[tuple[Hashable, ...], ...] = ()
     pair: tuple[Hashable, ...] = ()
-    assumptions: tuple[str, ...] = ()
+    method: tuple[str, ...] = ()
     demonstrators: tuple[Demonstrator, ...] = ()
     contradicting: tuple[Hashable, ...] = ()
     doubts: tuple[str, ...] = ()

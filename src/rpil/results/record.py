@@ -72,8 +72,8 @@ class Audit(AuditResult):
         Two demonstrations of which the answer to "which is better?" would say most; empty where there are none.
     adversary : str
         Name of the adversary of the mixture, or of the reference of the judge.
-    assumptions, notes, doubts : tuple of str
-        What the audit assumed, what else a user should know, and what speaks against verdicts by the answers; one
+    method, notes, doubts : tuple of str
+        How the audit judged, what else a user should know, and what speaks against verdicts by the answers; one
         sentence each.
     demonstrators : tuple of Demonstrator
         With answers the most trusted first, and without answers no trust; empty where demonstrators were not given.

@@ -17,6 +17,7 @@ from scipy.special import expit
 
 from rpil.data.errors import DataError
 from rpil.data.run import run_id
+from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id
@@ -26,6 +27,9 @@ from rpil.results.vocabulary import SIDES, WORSE
 
 if TYPE_CHECKING:
     from rpil.faults.rule import Fault
+
+WHOLE = "A demonstration is good or bad as a whole, and a label is certain."
+"""The assumption of the paper's mixture."""
 
 NEAR = 9
 """Steps around a step, and this itself, by which the page draws whether it is like those of the trusted."""
@@ -136,6 +140,18 @@ class AuditResult(Judged):
                 "No answer would be left; take the audit before answered(), or call rpil.audit without any."
             )
         return answering.with_answers(self, known)
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """How it was judged, the finding, the meaning of the probability, and what it is learned from."""
+        by_answers = self.anchor == "answers"
+        return (
+            *self.method,
+            FINDINGS[self.finding],
+            self.vocabulary.explanation,
+            answering.sentence_of(self) if by_answers else "Lengths and rewards were not used.",
+            *[WHOLE] * (self.anchor == "named adversary"),
+        )
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
         """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""

@@ -106,7 +106,7 @@ def join_audits(
         identifiable=all(audit.identifiable for audit in parts),
         competing=opposed.competing if opposed else (),
         pair=next((audit.pair for audit in parts if audit.pair), ()),
-        assumptions=(_sentence(audits, places, what), *dict.fromkeys(s for audit in parts for s in audit.assumptions)),
+        method=(_sentence(audits, places, what), *dict.fromkeys(one for audit in parts for one in audit.method)),
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
         answers=_within(answers, {task: audit.answers for task, audit in audits.items()}, places),
         contradicting=tuple(name for audit in parts for name in audit.contradicting),

@@ -162,7 +162,7 @@ def test_marks_survive_a_reload_and_are_downloaded(browser: Browser, tmp_path: P
 def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp_path: Path) -> None:
     from rpil import formats
 
-    given = dict.fromkeys(("ids", "sessions", "own_reasons", "notes", "doubts", "assumptions"), HOSTILE)
+    given = dict.fromkeys(("ids", "sessions", "own_reasons", "notes", "doubts", "method"), HOSTILE)
     given |= {"order": np.arange(float(len(HOSTILE))), "demonstrators": (Demonstrator(HOSTILE[0], None, HOSTILE),)}
     audit = make_audit(("outlier",) * len(HOSTILE), lengths=[80] * len(HOSTILE), **given)
     page = write(tmp_path / "r.html", audit, tasks={name: name for name in HOSTILE}, source="rpil </code>")

@@ -81,7 +81,7 @@ def test_every_link_and_label_has_a_target(audit: Audit) -> None:
 def test_text_from_the_data_is_never_html() -> None:
     evil = "</script><script>alert(1)</script><!--"
     ids = (evil, '"><img src=x>')
-    changes = {"assumptions": (evil,), "adversary": evil, "competing": ((ids[0],), (ids[1],)), "pair": ids}
+    changes = {"method": (evil,), "adversary": evil, "competing": ((ids[0],), (ids[1],)), "pair": ids}
     audit = make_audit(("open", "outlier"), ids=ids, identifiable=False, doubts=(evil,), **changes)
     audit = replace(audit, provenance=Provenance(evil, evil, 0, {evil: [evil]}, ()))
     about = {"title": evil, "source": evil, "read": (evil,)}
