@@ -67,7 +67,7 @@ class SampledFit(FullFit):
         audit = replace(audit, step_log_ratio=decided.judgement.log_ratio, step_weight=gathered(weights, n_steps))
         if audit.taken_over is not None:
             audit = replace(audit, step_weight=weights_of(audit))
-        decided = replace(decided, audit=audit, linear=None)
+        decided = replace(decided, audit=audit)
         if not self.keeps_policy:
             return decided
         data = sample.data

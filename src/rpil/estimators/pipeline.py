@@ -23,7 +23,7 @@ from rpil.data.spaces import Space
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import Task
 from rpil.inference.answers import check_copied_labels
-from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, HeldOutRidge, HeldOutSoftmax, held_out_model
+from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, held_out_model
 from rpil.inference.parts import judged_parts
 from rpil.inference.trust import Judgement, judge, repeated
 from rpil.numerics.types import Array
@@ -164,8 +164,6 @@ class FitResult:
     """Objective of the mixture, or mean held-out log-likelihood of a step of the training group, in nats."""
     converged: bool = True
     judgement: Judgement | None = None
-    linear: HeldOutSoftmax | HeldOutRidge | None = None
-    """Held-out linear policies, where the judge decided and read them."""
 
 
 def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> FitResult:
@@ -244,7 +242,10 @@ class FullFit:
         audit = audit_from_judgement(told, data, task.source.ids, task.answers, settings)
         notes = *audit.notes, *parts_not_judged(posed.data), "" if copies is None else copies.sentence
         history, audit = judgement.scores.fit.history, replace(audit, notes=tuple(filter(None, notes)))
-        decided = FitResult(audit, posed.features, sample=sample, judgement=judgement, linear=linear)
+        if sample is None and audit.finding in COMPARED:
+            evidence = by_held_out_policies(judgement, linear, copies, judge_settings.held_out)
+            audit = replace(audit, deviations=deviations(audit, evidence, task.classes))
+        decided = FitResult(audit, posed.features, sample=sample, judgement=judgement)
         return replace(decided, n_iter=len(history), lower_bound=float(history[-1]))
 
     def extend(self, posed: JudgeInput, judgement: Judgement) -> tuple[Judgement, FitData, JudgedSample | None]:
@@ -264,34 +265,20 @@ class FullFit:
         return replace(data, labels=task.answers.labels[rows], demonstrators=task.demonstrators.select(numbers))
 
     def fit_policy(self, posed: JudgeInput, decided: FitResult) -> FitResult:
-        """Add the final policy, if one is kept, to what was decided with what the actions say."""
-        audit, judgement, settings = decided.audit, decided.judgement, self.options.settings.judge.held_out
-        if judgement is not None and audit.finding in COMPARED:
-            assert decided.linear is not None
-            evidence = by_held_out_policies(judgement, decided.linear, posed.copies, settings)
-            audit = replace(audit, deviations=deviations(audit, evidence, self.task.classes))
+        """Add the final policy, if one is kept, to what was decided."""
         if not self.keeps_policy:
-            return replace(decided, audit=audit, linear=None)
-        if posed.copies is not None:  # the policy learns from copies as well
-            every = self.task.demonstrations
-            posed = replace(posed, demonstrations=every, data=self._data(every, posed.features))
-        features, policy = self._final_policy(posed, audit.step_weight)
-        return replace(decided, audit=audit, features=features, policy=policy, linear=None)
-
-    def _final_policy(self, posed: JudgeInput, weight: Array) -> tuple[Features, FinalPolicy]:
-        data = posed.data
-        if self.options.policy is None:
-            return self.options.linear.fit(posed.demonstrations, data.actions, weight, data.space)
-        # Cross-fitted again by the final weights: the temperature of the policy comes from held-out steps.
-        start, _ = self.options.cross_fitted(data.space, len(weight)).fit(data, weight)
-        return posed.features, start.fit_all(data, weight)
+            return decided
+        features, policy = final_policy(self.task, self.options, decided.audit.step_weight)
+        return replace(decided, features=features, policy=policy)
 
 
-def learn(task: Task, options: FitOptions, audit: Audit) -> FitResult:
-    """The final policy of demonstrations, in memory, that were judged before, by the weights of their `audit`."""
-    demonstrations = task.demonstrations
-    features = options.judge_features(demonstrations)
-    posed = JudgeInput(demonstrations, task.data(demonstrations, features), features)
-    options.progress("the policy")
-    final, policy = FullFit(task, options)._final_policy(posed, audit.step_weight)
-    return FitResult(audit, final, policy)
+def final_policy(task: Task, options: FitOptions, weight: Array) -> tuple[Features, FinalPolicy]:
+    """The final policy of demonstrations, in memory, by the `weight` (N,) of their steps, and its features."""
+    every = task.demonstrations
+    if options.policy is None:
+        return options.linear.fit(every, task.codes(every), weight, task.space)
+    features = options.judge_features(every)
+    data = task.data(every, features)
+    # Cross-fitted again by the final weights: the temperature of the policy comes from held-out steps.
+    start, _ = options.cross_fitted(task.space, len(weight)).fit(data, weight)
+    return features, start.fit_all(data, weight)

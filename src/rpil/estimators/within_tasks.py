@@ -103,19 +103,16 @@ def split_by_task(
     return places
 
 
-def groups_of(recording: Recording, stated: Statements) -> dict[str, list[int]]:
-    """The numbers of the demonstrations of each task and session; a `DataError` where sessions divide nothing."""
-    if recording.options.session:
-        check_sessions(stated.sessions, recording.options.session, recording.description.source)
-    return split_by_task(recording.demonstrations.ids, recording.tasks, stated.sessions)
-
-
 def fit_within_tasks(
     recording: Recording, stated: Statements, options: FitOptions, keeps_policy: bool = True
 ) -> tuple[Audit, list[tuple[Task, FitResult]]]:
     """The audit of the demonstrations of a recording, each judged within its task and session, beside the reference if
-    there is one, and the fits to these. A single one is not judged, and has the verdict of its label, if any."""
-    demonstrations, places = recording.demonstrations, groups_of(recording, stated)
+    there is one, and the fits to these. A single one is not judged, and has the verdict of its label, if any.
+    A `DataError` where sessions divide nothing."""
+    demonstrations = recording.demonstrations
+    if recording.options.session:
+        check_sessions(stated.sessions, recording.options.session, recording.description.source)
+    places = split_by_task(demonstrations.ids, recording.tasks, stated.sessions)
     if len(places) == 1:
         audit, fitted = _fit_group(demonstrations, stated, options, keeps_policy)
         return _with_facts(audit, recording, stated), [fitted]

@@ -163,11 +163,6 @@ for where it is low and high."""
 MIN_STYLE = 0.15
 """Distance of a median rank from the middle, 1/2, from which it is part of a style. Chosen by hand, not tuned."""
 
-MIN_AT_LIMIT = 3
-"""Demonstrations, at least, that share the largest length where there is a time limit: two may by chance."""
-
-TIME_LIMIT = "time limit"
-
 TWO_GROUPS = "The two groups: "
 """How the sentences begin."""
 
@@ -179,23 +174,17 @@ MIN_SEPARATION = 0.8
 Fact = float | int | str
 
 
-def known_facts(
-    columns: Float[Array, "M D"], lengths: Int[Array, " M"], order: Float[Array, " M"] | None
-) -> dict[str, tuple[Fact, ...]]:
+def known_facts(columns: Float[Array, "M D"], order: Float[Array, " M"] | None) -> dict[str, tuple[Fact, ...]]:
     """The facts about M demonstrations by name; those that are not known are left out.
 
-    The names are those of `RANKS`; "time limit", 1 where the demonstration has the largest length, as several others
-    do, else 0; and "order", the place among the demonstrations, from 1 on. `columns` are those of an audit, which begin
-    with the normal scores of the channels.
+    The names are those of `RANKS`, and "order", the place among the demonstrations, from 1 on. `columns` are those of
+    an audit, which begin with the normal scores of the channels.
     """
     found: dict[str, tuple[Fact, ...]] = {}
     if columns.shape[1] >= len(CHANNELS):
         for name, (channel, sign, *_) in RANKS.items():
             ranks = ndtr(sign * columns[:, CHANNELS.index(channel)])
             found[name] = tuple(np.round(ranks, 6).tolist())
-    is_longest = lengths == lengths.max()
-    if MIN_AT_LIMIT <= is_longest.sum() < len(is_longest):  # probably cut off
-        found[TIME_LIMIT] = tuple(is_longest.astype(int).tolist())
     if order is not None:
         found["order"] = tuple((np.searchsorted(np.sort(order), order) + 1).tolist())
     return found

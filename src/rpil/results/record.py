@@ -16,7 +16,7 @@ from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.results.answering import looking_order
 from rpil.results.judged import Demonstrator, Interval
-from rpil.results.overview import overview_text
+from rpil.results.overview import first_sentence, headline, verdict_sentence
 from rpil.results.result import AuditResult
 
 if TYPE_CHECKING:
@@ -195,4 +195,6 @@ class Audit(AuditResult):
         write_page(path, self, About(title, IN_MEMORY))
 
     def __repr__(self) -> str:
-        return overview_text(self)
+        doubts = [f"Doubt: {doubt}" for doubt in self.doubts]
+        lines = first_sentence(self), headline(self), *doubts, verdict_sentence(self), self.question
+        return "\n".join(filter(None, lines))

@@ -106,7 +106,7 @@ class AuditResult(Judged):
         fields that are shown."""
         shown = {one.metadata["shown"]: getattr(self, one.name) for one in fields(self) if one.metadata.get("shown")}
         columns = {name: tuple(np.asarray(column).tolist()) for name, column in shown.items() if len(column)}
-        return known_facts(self.columns, self.lengths, self.order) | columns
+        return known_facts(self.columns, self.order) | columns
 
     question = property(answering.question)
     suggest_labels = answering.suggest_labels

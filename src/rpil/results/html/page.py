@@ -21,7 +21,7 @@ from rpil.data.text import MAX_IDS, counted, printable
 from rpil.faults.report import RULES, FaultReport
 from rpil.faults.set_table import SetTable
 from rpil.inference.findings import DECIDED
-from rpil.numerics.types import Array, Int
+from rpil.numerics.types import Array
 from rpil.results.answering import looking_order, stretch_of
 from rpil.results.choice import choose
 from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
@@ -188,17 +188,13 @@ def _faults(places: Mapping[Hashable, int], report: FaultReport) -> View:
 
 def drawings(audit: AuditResult, members: Sequence[int]) -> dict[str, dict[str, object]]:
     """The drawings of some demonstrations by their numbers, see above; trust is `Audit.step_trust`."""
-    return {str(m): _drawn(audit, m) for m in members}
-
-
-def _drawn(audit: AuditResult, m: int) -> dict[str, object]:
-    ratio, trust = audit.log_ratio(m), audit.step_trust(m)
-    starts = bin_starts(len(ratio))
-    extremes = {"min": np.minimum.reduceat(ratio, starts), "max": np.maximum.reduceat(ratio, starts)}
-    return {
-        "ratio": packed({**extremes, "mean": bin_means(ratio)}),
-        "trust": packed({"mean": bin_means(trust)}, (0.0, 1.0)),
-    }
+    drawn: dict[str, dict[str, object]] = {}
+    for m in members:
+        ratio, trust = audit.log_ratio(m), {"mean": bin_means(audit.step_trust(m))}
+        starts = bin_starts(len(ratio))
+        extremes = {"min": np.minimum.reduceat(ratio, starts), "max": np.maximum.reduceat(ratio, starts)}
+        drawn[str(m)] = {"ratio": packed({**extremes, "mean": bin_means(ratio)}), "trust": packed(trust, (0.0, 1.0))}
+    return drawn
 
 
 def packed(curves: dict[str, Array], limits: tuple[float, float] | None = None) -> dict[str, object]:
@@ -208,12 +204,8 @@ def packed(curves: dict[str, Array], limits: tuple[float, float] | None = None) 
     low, high = limits or ((float(known.min()), float(known.max())) if known.size else (0.0, 0.0))
     scaled = LEVELS * (values - low) / (high - low or 1.0)
     codes = np.where(np.isfinite(values), np.clip(np.nan_to_num(scaled), 0, LEVELS).round(), NO_VALUE)
-    return {"from": significant(low), "to": significant(high), **dict(zip(curves, map(_as_text, codes), strict=True))}
-
-
-def _as_text(codes: Int[Array, " P"]) -> str:
-    """Base64 of bytes."""
-    return base64.b64encode(codes.astype(np.uint8).tobytes()).decode()
+    texts = [base64.b64encode(one.tobytes()).decode() for one in codes.astype(np.uint8)]
+    return {"from": significant(low), "to": significant(high), **dict(zip(curves, texts, strict=True))}
 
 
 def significant(value: float) -> float:

@@ -14,7 +14,6 @@ const makeDetail = (model, place, act) => {
   };
   const list = (items) => items.flatMap((item, k) => (k ? [", ", item] : [item]));
   const facts = (m) => Object.entries(d.facts).flatMap(([name, values]) => {
-    if (name === "time limit") return values[m] ? [el("tr", {}, el("th", { scope: "row" }, "time limit"), el("td", { colspan: 2 }, "reached"))] : [];
     if (!(name in RANK_WORDS)) return [el("tr", {}, el("th", { scope: "row" }, name), el("td", { colspan: 2 }, String(values[m])))];
     const rank = el("span", { class: "rank", "aria-hidden": "true" }, el("b", { style: `left:${(100 * values[m]).toFixed(1)}%` }));
     return [el("tr", {}, el("th", { scope: "row" }, RANK_WORDS[name]), el("td", {}, rank), el("td", {}, `more than in ${percent(values[m])} of all`))];
