@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from asked import N_STEPS, write
 from command_line import refused
 from rpil.cli.label import MAX_QUESTIONS, ask, last_lines
 from rpil.cli.main import main
@@ -73,20 +72,6 @@ def test_an_interruption_leaves_the_answers(data, monkeypatch):
     assert result.exit_code == 130
     assert result.stderr.endswith("rpil: interrupted.\n")
     assert len(rows()) == 3
-
-
-def test_a_named_adversary_learns_from_no_answer(data):
-    words = "keeps nothing to learn from answers; leave out --adversary"
-    refused(words, "label", data, "-q", "--observations", "x,v", "--adversary", "marginal")
-
-
-def test_tasks_are_asked_about_together_and_pairs_between_them_are_left_out():
-    name = write("t.parquet", task=np.repeat(np.where(np.arange(24) < 12, "lift", "turn"), N_STEPS))
-    Path("labels.csv").write_text("id,label\n0,better than 3\n3,better than 20\n")
-    result = CliRunner().invoke(main, ["label", name, "--observations", "x,v"], input="g\nb\n", obj=FAST)
-    assert result.exit_code == 0, result.output
-    assert "labels.csv: 1 pair compares demonstrations of different tasks, and is left out." in result.stderr
-    assert len(rows()) == 5
 
 
 def test_an_answer_that_contradicts_another_is_asked_again(audit, monkeypatch, capsys):

@@ -5,12 +5,7 @@ from sklearn.linear_model import LogisticRegression
 from archives import mountain_car, npy, refused, rewrite
 from rpil import RPIL, BehavioralCloning, Confusion, RMEnt, load, save
 from rpil.data.errors import DataError
-from rpil.mixture.adversaries.discrete import Uniform
 from small import mixture as mixture_settings
-
-
-class MyAdversary(Uniform):
-    """A user's own."""
 
 
 @pytest.fixture(scope="module")
@@ -90,13 +85,6 @@ def test_classes_of_every_type_are_saved(actions, tmp_path):
     loaded = load(tmp_path / "p")
     assert loaded.predict(X).tolist() == model.predict(X).tolist()
     assert not hasattr(loaded, "feature_names_in_")
-
-
-def test_save_refuses_an_adversary_of_the_users_class(data, tmp_path):
-    model = RPIL(adversary=MyAdversary()).fit(data)
-    with pytest.raises(DataError, match="a MyAdversary cannot be saved without pickle; leave it out, or keep"):
-        save(model, tmp_path / "p")
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")  # trees change by leaps

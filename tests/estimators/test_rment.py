@@ -69,15 +69,6 @@ def test_experts_are_selected_and_their_policy_is_learned():
     assert error < 0.3 * np.abs(naive - oracle).mean()
 
 
-def test_log_likelihood_is_the_mean_over_steps():
-    model = RMEnt(n_trusted=6).fit(TOY.demonstrations)
-    taken = model.predict_log_proba(TOY.observations)[np.arange(len(TOY.actions)), TOY.actions]
-    means = [taken[TOY.groups == m].mean() for m in range(12)]
-    np.testing.assert_allclose(model.log_likelihood_, means)
-    penalty = model.policy_.penalty() / np.diff(TOY.offsets).mean() / 6
-    assert model.objective_ == pytest.approx(penalty - np.mean(np.array(means)[model.weights_ == 1]))
-
-
 def test_demonstrations_weigh_the_same_whatever_their_length():
     """Repeating all steps of one changes nothing when everybody is trusted."""
     observations, actions, groups = TOY.observations, TOY.actions, TOY.groups

@@ -110,13 +110,6 @@ def test_no_answer_changes_nothing(audit):
     assert audit.answered({}, []) is audit
 
 
-def test_unusable_answers_are_refused_in_one_sentence(audit):
-    with refused("no demonstration is called 'nobody'"):
-        audit.answered({"nobody": "good"})
-    with refused("two answers contradict each other; keep one answer"):
-        audit.answered({}, [("d0", "d1"), ("d1", "d0")])
-
-
 @pytest.fixture(scope="module")
 def copied() -> Audit:
     """An audit in which the last demonstration is a copy of the first."""

@@ -206,12 +206,6 @@ def test_labels_are_verdicts(tmp_path):
             kept(table, share=0.5)
 
 
-def test_a_list_with_other_items_than_verdicts_is_refused(tmp_path):
-    (tmp_path / "v.json").write_text(json.dumps([{"id": "1", "verdict": "good"}, "3"]))
-    with pytest.raises(DataError, match="it has no columns id and verdict"):
-        read_verdicts(tmp_path / "v.json")
-
-
 def test_a_table_of_one_row_and_ids_that_only_a_spreadsheet_would_change(tmp_path):
     (tmp_path / "v.json").write_text(json.dumps([{"id": "'=1", "verdict": "open"}]))
     (tmp_path / "v.csv").write_text("id,verdict\n'=1,open\n")
@@ -230,7 +224,10 @@ def test_a_choice_as_lists_and_lines():
 
 
 def test_files_that_are_no_verdicts_are_refused(tmp_path):
-    wrong = {"": "the file is empty", **dict.fromkeys(("[]", "[1]"), "it has no columns id and verdict")}
+    wrong = {
+        "": "the file is empty",
+        **dict.fromkeys(("[]", "[1]", '[{"id": 1, "verdict": "good"}, 3]'), "it has no columns id and verdict"),
+    }
     for text, said in (wrong | {'[{"id": 1, "verdict": "open"}, {"id": 2}]': "JSON .KeyError: 'verdict'"}).items():
         (tmp_path / "v.json").write_text(text)
         with pytest.raises(DataError, match=rf"v\.json: .*{said}"):

@@ -88,15 +88,6 @@ def test_learned_from_outcomes_alone_or_from_answers() -> None:
     assert told.reasons == ("Good by your answers about others like it.", between, BAD, "Labelled bad.")
 
 
-def test_answers_about_others_are_the_reason_for_a_demonstration_without_one() -> None:
-    known = {"anchor": "answers", "finding": "answered"}
-    audit = make_audit(("good", "open"), log_odds=np.array([4.0, 1.0]), **known, **NO_STRETCH)
-    assert audit.reasons == (
-        "Good by your answers about others like it.",
-        "Its score is between those of good and bad ones.",
-    )
-
-
 def test_without_outliers_a_reason_is_the_place_in_the_ranking() -> None:
     plain = {"lengths": [4] * 10, "step_log_ratio": np.ones(40)}
     audit = make_audit(("open",) * 10, finding="no outliers", log_odds=np.arange(10.0), **plain)

@@ -13,7 +13,6 @@ import rpil
 from audits import make_audit
 from episode_rows import N, T, episodes
 from hand_made import answers_of
-from problems import make
 from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import balanced, of_demonstrations, takeover_signs, weights_of
 
@@ -158,29 +157,6 @@ def test_a_second_before_a_person_took_over_counts_against_the_policy(fps, n):
     np.testing.assert_array_equal(np.concatenate([first, second]), expected)
     assert (len(first), len(second)) == (30, 30)
     assert takeover_signs(None, offsets, fps) == takeover_signs(np.zeros(60, dtype=bool), offsets, fps) == ()
-
-
-@pytest.fixture(scope="module")
-def parted():
-    """Nine that agree, and five of another policy."""
-    return rpil.RPIL().fit(make("shifted", 1, n_good=9, n_bad=5, steps=(20, 20)).demonstrations).audit_
-
-
-def test_a_learner_trusts_the_larger_of_two_parts_until_two_labels_turn_it(parted):
-    first = (np.arange(14) < 9).astype(float)
-
-    def of_each(audit):
-        return audit.step_weight[audit.offsets[:-1]].tolist()
-
-    assert of_each(parted) == first.tolist()
-    assert {*parted.verdicts} == {"open"}, "an audit does not say who is good"
-    assert parted.notes[-1] == "The policy trusts 9 of 14 that agree; two labels turn it."
-    turned = parted.answered({"d0": "bad", "d10": "good"})
-    assert of_each(turned) == (1 - first).tolist()
-    confirmed = parted.answered({"d0": "good", "d10": "bad"})
-    assert of_each(confirmed) == first.tolist()
-    otherwise = parted.answered({"d0": "good", "d1": "bad"})  # by which nothing else is good or bad
-    assert of_each(otherwise) == [1.0, 0.0, *first[2:]]
 
 
 def with_interventions(flags):

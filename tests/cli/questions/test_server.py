@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import socket
-import sys
 import threading
 import time
 from dataclasses import replace
@@ -15,8 +14,6 @@ import pytest
 
 import lerobot_folders
 from rpil.cli.questions.material import EpisodeVideos
-from rpil.cli.questions.server import load_server
-from rpil.data.errors import MissingExtraError
 from rpil.data.id_values import read_answers
 from rpil.results.html.page import make_view
 from served import need_server, review_of, serving
@@ -174,9 +171,3 @@ def test_a_link_out_of_the_folder_is_not_followed(audit, films, tmp_path):
         finally:
             file.unlink(missing_ok=True)
             moved.rename(file)
-
-
-def test_without_the_extra_it_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "uvicorn", None)
-    with pytest.raises(MissingExtraError, match=r"rpil\[review\]"):
-        load_server()

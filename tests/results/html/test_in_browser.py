@@ -222,19 +222,6 @@ def test_segments_are_a_band_and_rows_are_marked_with_two_keys(browser: Browser,
     assert [(row.id, row.label) for row in rows if not row.is_mark] == [(HOSTILE[0], "bad")]
 
 
-def test_steps_are_drawn_in_seconds_and_their_places_copied(browser: Browser, tmp_path: Path) -> None:
-    audit = make_audit(("outlier", "open"), lengths=[300, 90], order=np.array([1.0, 2.0]), fps=30.0)
-    browser.open(write(tmp_path / "r.html", audit, lerobot=True))
-    assert browser.evaluate("document.querySelectorAll('.detail canvas').length") == 2
-    step = audit.worst_steps(0)[0]
-    assert f"episode=0, t={step / 30:.1f} s" in browser.evaluate("document.querySelector('.detail .step').title")
-    painted = "c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some(Boolean)"
-    browser.wait(f"[...document.querySelectorAll('canvas')].every(c => {painted})")
-    assert browser.evaluate("document.querySelectorAll('[data-role=axis] canvas').length") == 1
-    browser.open(write(tmp_path / "other.html", audit))
-    assert f"demonstration=0, t={step / 30:.1f} s" in browser.evaluate("document.querySelector('.detail .step').title")
-
-
 @pytest.mark.parametrize(("width", "dark"), [(390, True), (1280, False)])
 def test_it_fits_the_screen_and_the_paper(browser: Browser, tmp_path: Path, width: int, dark: bool) -> None:
     audit = make_audit(ids=["a" * 300, *"bcdefghij"], order=np.arange(10.0))
