@@ -161,7 +161,6 @@ WITHOUT_TESTS = {
     "faults/whole_rules.py": "tests/faults/test_every_rule.py",
     "segments/kinds.py": "values alone",
     "segments/settings.py": "values alone",
-    "results/settings.py": "values alone; the file that uses them is tested",
     "inference/settings.py": "values alone",
     "policies/settings.py": "tests/estimators/test_settings.py",
     "mixture/settings.py": "values alone",

@@ -90,12 +90,6 @@ def test_with_all_rows_nothing_is_left_out(kind, capsys):
     assert " ".join(audit.notes) in " ".join(text.split())
 
 
-def test_a_verdict_has_a_place_and_no_probability_where_it_is_open(capsys):
-    lines = printed(KINDS["nobody"], capsys)
-    assert any(re.fullmatch(r"id +place +score( +where)? +why", line) for line in lines)
-    assert any(re.match(r"id +verdict +score +where +why", line) for line in printed(KINDS["outliers"], capsys))
-
-
 def test_outliers_of_operators_are_counted(capsys):
     text = "\n".join(printed(KINDS["operators"], capsys))
     assert "Outliers by operator: operator 0 4 of 4, operator 1 4 of 4, operator 2 4 of 4." in text
@@ -142,12 +136,6 @@ def test_no_line_of_the_table_is_wider_than_the_terminal(monkeypatch, columns, l
     assert len(rows) == 5
     assert max(map(cell_len, rows)) <= columns
     assert {re.search(r"_(\d+) ", row)[1] for row in rows} <= {str(m) for m in range(20)}  # the end of an id stays
-
-
-def test_the_command_to_run_next_is_the_last_line():
-    *_, how, then = next_steps(make_audit(("open", "open", "outlier")), "l.csv", ["rpil", "audit", "a b"])
-    assert how.startswith("Answer in l.csv (id,label;")
-    assert then == "Then run: rpil audit 'a b' --labels l.csv"
 
 
 def test_doubts_and_contradicting_labels_are_results(capsys):

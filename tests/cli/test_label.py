@@ -32,17 +32,6 @@ def rows():
     return Path("labels.csv").read_text().splitlines()
 
 
-def test_a_run_goes_on_where_the_last_one_ended(data):
-    Path("labels.csv").write_text("note,id,label\nseen,3,BAD\n,0,better than 3\n,1,good\n")
-    out = label("gb", data)  # the end of the input ends it too
-    assert out.startswith("By your answers: ")
-    assert "Which is better" not in out
-    asked = re.findall(r"Is it good or bad: (\d+)", out)
-    assert rows() == ["note,id,label", "seen,3,BAD", ",0,better than 3", ",1,good",
-                      f",{asked[0]},good", f",{asked[1]},bad"]  # fmt: skip
-    assert not {"1", "3"} & set(asked)
-
-
 def test_what_cannot_be_told_or_is_skipped_is_not_written_and_not_asked_again(data):
     out = label(["s", *"us" * 4, "g", "q"], data)
     asked = re.findall(r"Is it good or bad: (\d+)", out)

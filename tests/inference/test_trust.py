@@ -23,7 +23,7 @@ from rpil.inference.scores import Scoring
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import Judgement, judge, repeated, score_by_best_group
 from rpil.mixture.demonstrator_prior import demonstrator_posterior
-from rpil.results.settings import AuditSettings
+from rpil.results.judged import AuditSettings
 from rpil.results.summary import audit_from_judgement
 from rpil.results.vocabulary import SIDES
 

@@ -258,7 +258,3 @@ def test_each_rule_rejects_its_own():
     assert rejecting_rules(audit) == expected
     alone = replace(audit, answers=Answers.of_labels(np.minimum(labels, 0)))
     assert rejecting_rules(alone) == ("", "labels", *[""] * 6, "adversary"), "until two answers contrast"
-
-
-def test_three_labels_are_suggested():
-    assert len(make_audit(("open",) * 9).suggest_labels()) == 3

@@ -131,13 +131,6 @@ def test_the_worse_one_of_a_pair_is_named_and_rejected_after_a_second_answer_tha
     assert copied.choice.rejected == {"answers": (1, 2)}
 
 
-def test_a_share_or_a_probability_is_obeyed_in_full():
-    table = {**table_of(["bad"] * 9 + ["good"]), "log_odds": range(10), "expert_proba": [0.05] * 10}
-    table["label"][9] = "bad"
-    for asked, n in ((Asked(share=0.5), 4), (Asked(at_least=0.5), 0)):
-        assert len(choose(table, asked).kept) == n
-
-
 def with_flags(outcome, **changes):
     known = replace(Answers.none(4), outcomes=np.array(outcome)[:, None], names=("success",))
     return make_audit(("open",) * 4, answers=known, **changes)

@@ -139,22 +139,6 @@ def test_part_with_most_of_the_evidence_is_named_with_its_value_beside_the_band_
     assert phrase_of(np.column_stack([actions, np.zeros(80)]), ("arm", "elbow", "grip")) == phrase
 
 
-@pytest.mark.parametrize("still", [0.0, 12.5])
-def test_a_part_that_moves_in_the_others_alone_is_named_first(still: float) -> None:
-    actions = np.random.default_rng(0).normal(size=(120, 2)) * [1.0, 10.0]
-    actions[90:96, 0] = 9.0  # most of the evidence
-    assert "arm is 9" in phrase_of(actions[40:], ("arm", "elbow"))
-    actions[80:, 1] = still
-    offsets, labels = np.array([0, 40, 80, 120]), np.zeros(3, dtype=int)
-    box = Box(np.full(2, -99.0), np.full(2, 99.0))
-    data = FitData(np.ones((120, 1)), actions, offsets, box, labels, action_names=("arm", "elbow"))
-    audit = make_audit(("open", "open", "outlier"), step_log_ratio=np.append(np.ones(40), RATIO), lengths=[40, 40, 40])
-    rest = np.array([True, True, False])
-    evidence = StepEvidence.of(data, np.arange(3), np.zeros((120, 2)), rest, HeldOutSettings())
-    phrases = deviations(audit, evidence, np.empty(0))
-    assert phrases == ("", "", f"elbow stays at {still:g}, and moves in the others")
-
-
 @pytest.mark.parametrize(
     ("value", "low", "high", "said"),
     [

@@ -13,7 +13,7 @@ import rpil
 from audits import make_audit
 from episode_rows import N, T, episodes
 from hand_made import answers_of
-from rpil.results.settings import AuditSettings
+from rpil.results.judged import AuditSettings
 from rpil.results.step_weights import balanced, of_demonstrations, takeover_signs, weights_of
 
 FOR_OTHERS = AuditSettings(weighs_for_learner=False)

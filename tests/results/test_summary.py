@@ -17,9 +17,9 @@ from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import CHANNELS
 from rpil.inference.outliers import Claims
 from rpil.mixture.em import MixtureFit, Posterior
+from rpil.results.judged import AuditSettings
 from rpil.results.reasons import TWO_GROUPS
 from rpil.results.record import Audit, Interval
-from rpil.results.settings import AuditSettings
 from rpil.results.summary import audit_from_mixture, notes_of, parts_not_judged, whom_it_trusts
 
 SHARE = Interval(0.3, 0.2, 0.4)

@@ -104,18 +104,6 @@ def _rules(fail_on: str | None) -> set[str]:
     return rules
 
 
-def print_set(recording: Recording, file: str, form: str) -> None:
-    """Print the set in one table."""
-    from rpil.faults.checking import check as find_faults
-    from rpil.faults.set_table import set_table
-
-    found = set_table(recording, find_faults(recording), file)
-    if form == "json":
-        click.echo(terminal.to_json(found.to_dict(), "set"))
-    else:
-        click.echo("\n".join(found.lines()))
-
-
 def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str]:
     """A report in lines: the number of findings by rule, the worst findings, what is usual and what was not checked."""
     from rpil.faults.report import NUMBERS

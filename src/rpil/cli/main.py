@@ -11,7 +11,7 @@ import click
 
 from rpil.cli import commands, terminal
 from rpil.cli.audit import audit, closing_lines, print_finding
-from rpil.cli.check import check, print_set
+from rpil.cli.check import check
 from rpil.cli.label import label, review
 from rpil.cli.options import (
     COLUMN_OPTIONS,
@@ -74,7 +74,11 @@ def info(ctx: click.Context, /, file: str, form: str, table: bool, **options: An
     columns = pop_columns(options)
     recording = commands.open_recording(file, columns, lambda _: None)
     if table:
-        print_set(recording, file, form)
+        from rpil.faults.checking import check as find_faults
+        from rpil.faults.set_table import set_table
+
+        found = set_table(recording, find_faults(recording), file)
+        click.echo(terminal.to_json(found.to_dict(), "set") if form == "json" else "\n".join(found.lines()))
         return
     if form == "json":
         click.echo(terminal.to_json(recording.description.to_dict()))

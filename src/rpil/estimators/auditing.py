@@ -21,7 +21,7 @@ from rpil.formats import ReadOptions, opened
 from rpil.formats.columns import ColumnOptions, Names, check_options
 from rpil.formats.format import Frame
 from rpil.formats.recording import Recording
-from rpil.results.provenance import Provenance, changed_settings
+from rpil.results.provenance import Provenance
 from rpil.results.record import Audit
 
 JUDGE_FEATURES = "folded"
@@ -103,6 +103,6 @@ def audit_recording(
     audit, _ = fit_within_tasks(recording, stated, options, keeps_policy=False)
     changed: dict[str, object] = {} if options.features == JUDGE_FEATURES else {"features": options.features}
     changed |= {} if options.adversary == "auto" else {"adversary": options.adversary}
-    changed |= changed_settings(options.settings, Settings())
+    changed |= {} if options.settings == Settings() else {"settings": repr(options.settings)}
     provenance = Provenance.of(command, options.random_state, changed, (path, *files))
     return replace(audit, provenance=provenance, fps=recording.description.fps or recording.times().fps)

@@ -23,8 +23,8 @@ from rpil.inference.trust import judge, repeated
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.folds import deal, out_of_fold
+from rpil.results.judged import AuditSettings
 from rpil.results.record import Audit
-from rpil.results.settings import AuditSettings
 from rpil.results.summary import audit_from_judgement
 
 IN_SAMPLE_POLICY = (

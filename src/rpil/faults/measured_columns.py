@@ -137,12 +137,6 @@ def ranges_and_zeros(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> 
     return (high - low).T, means(values == 0, offsets)
 
 
-def never_moves(actions: Array, offsets: Int[Array, " _"]) -> Bool[Array, "M A"]:
-    """Which actions, (T, A) or (T,), stay the same in a demonstration, and move in most of the others."""
-    still = ranges_and_zeros(np.atleast_2d(actions.T), offsets)[0] == 0
-    return np.asarray(still & (still.mean(axis=0) < settings.MOST_ABSENT))
-
-
 def not_recorded(ranges: Float[Array, "M C"], zeros: Float[Array, "M C"]) -> Bool[Array, "M C"]:
     """Where columns, two or more, are 0 in every step, by `ranges_and_zeros`: not nearly all demonstrations have such a
     column, most others move, and are not at 0 in most of their steps, as a brake is."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logit, ndtr
@@ -39,9 +39,6 @@ AT_STEP = re.compile(r"at step (\d+): ")
 
 NOBODY = "no outliers"
 FIFTHS = "Lowest fifth", "Below the middle", "In the middle", "Above the middle", "Highest fifth"
-
-GivenLabel = Literal["good", "bad", ""]
-"""The label of a demonstration, or nothing."""
 
 
 class Stretch(NamedTuple):

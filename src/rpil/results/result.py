@@ -22,7 +22,7 @@ from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id
 from rpil.results.judged import Demonstrator, Judged
-from rpil.results.reasons import Fact, GivenLabel, known_facts, reasons_of, style_in_words
+from rpil.results.reasons import Fact, known_facts, reasons_of, style_in_words
 from rpil.results.vocabulary import SIDES, WORSE
 
 if TYPE_CHECKING:
@@ -50,9 +50,9 @@ class AuditResult(Judged):
         return self.own_reasons or tuple(reasons_of(self, self.answers.shared(self.copy_of), self.said))
 
     @property
-    def labels(self) -> tuple[GivenLabel, ...]:
+    def labels(self) -> tuple[str, ...]:
         """The label of each demonstration, which is that of its copies too."""
-        texts: dict[int, GivenLabel] = {1: "good", 0: "", -1: "bad"}
+        texts = {1: "good", 0: "", -1: "bad"}
         return tuple(texts[label] for label in self.answers.shared(self.copy_of).labels.tolist())
 
     @property

@@ -24,10 +24,9 @@ from rpil.results.answering import (
     verdicts_of,
     with_answers,
 )
-from rpil.results.judged import Interval
+from rpil.results.judged import AuditSettings, Interval
 from rpil.results.reasons import groups_differ
 from rpil.results.record import Audit
-from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import weights_of
 
 if TYPE_CHECKING:

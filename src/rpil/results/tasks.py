@@ -15,9 +15,8 @@ from rpil.inference.channels import CHANNELS
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
 from rpil.results.answering import rejecting_rules
-from rpil.results.judged import Interval, table_fields
+from rpil.results.judged import AuditSettings, Interval, table_fields
 from rpil.results.record import Audit
-from rpil.results.settings import AuditSettings
 
 _FINDINGS = tuple(FINDINGS)
 
