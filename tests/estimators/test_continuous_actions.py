@@ -69,15 +69,6 @@ def test_regressor_as_policy():
         RPIL(policy=LinearRegression()).fit(make("random", 0).demonstrations)
 
 
-def test_units_of_the_actions_do_not_matter():
-    toy = make_continuous("noisy", 0, **MANY)
-    unit, shift = np.array([1e-3, 40.0]), np.array([3.0, -500.0])
-    other = replace(toy, actions=toy.actions * unit + shift)
-    one, two = (RPIL(settings=FAST).fit(t.demonstrations) for t in (toy, other))
-    np.testing.assert_allclose(two.log_odds_, one.log_odds_, rtol=1e-3, atol=1e-3)
-    np.testing.assert_allclose((two.predict(toy.observations) - shift) / unit, one.predict(toy.observations), atol=1e-4)
-
-
 @pytest.mark.parametrize(("estimator", "n_parts"), [(RPIL(), 2), (BehavioralCloning(), 1), (RMEnt(), 1)])
 def test_predictions_lie_in_the_box(estimator, n_parts):
     toy = make_continuous("random", 0, n_parts=n_parts)

@@ -91,18 +91,17 @@ class StepEvidence:
 
 
 def by_held_out_policies(
-    judgement: Judgement, model: HeldOutSoftmax | HeldOutRidge, copies: Copies | None, settings: HeldOutSettings
+    judgement: Judgement, model: HeldOutSoftmax | HeldOutRidge, copies: Copies, settings: HeldOutSettings
 ) -> StepEvidence:
     """By held-out policies of a linear `model` where actions are continuous, without `copies` of others."""
     fit, data, group = judgement.scores.fit, model.data, judgement.training_group
-    members = np.arange(data.n_demonstrations) if copies is None else copies.judged
     if data.space.kind == "discrete":
         expected = fit.log_prob
     else:
         assert isinstance(model, HeldOutRidge)
         ridge = fit.ridge or choose_ridge(data, model, group)  # the user's policy has none
         expected = ActionScale.of(data).back(model.actions - model.errors(data.per_step(group.astype(float)), ridge))
-    return StepEvidence.of(data, members, expected, ~judgement.claims.lower[members], settings)
+    return StepEvidence.of(data, copies.judged, expected, ~judgement.claims.lower[copies.judged], settings)
 
 
 def deviations(audit: Audit, evidence: StepEvidence, classes: Array) -> tuple[str, ...]:
