@@ -204,3 +204,11 @@ def test_a_policy_learns_from_what_a_person_did():
     plain = rpil.RPIL(random_state=0).fit(rpil.open(episodes(phase=None)))
     x = np.zeros((1, 1))
     assert told.predict(x) != plain.predict(x)
+
+
+def test_rows_that_are_called_bad_weigh_nothing_and_the_mean_stays():
+    marks = np.array([[2, 1, 3, -1], [0, 0, 2, 1]])
+    found = weights_of(judged((1,) * 6, replace(answers_of(m=6), marks=marks)))
+    np.testing.assert_allclose(found, np.where(np.isin(np.arange(16), [5, 6]), 0, 16 / 14))
+    every = np.array([[m, 0, length, -1] for m, length in enumerate(LENGTHS)])
+    assert not weights_of(judged((1,) * 6, replace(answers_of(m=6), marks=every))).any()

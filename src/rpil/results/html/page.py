@@ -70,30 +70,19 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
     """The view of an audit: all that the script of its page draws, as one dict of numbers, text, lists and dicts, with
     drawings of the `drawn` first in the order of looking.
 
-    Demonstrations are numbered by their place in the data, from 0 on; M are all of them. Keys with the name of a field
-    of `About` or `Audit` are this field; ids are numbers of demonstrations there. The others are:
+    Demonstrations are numbered by their place in the data, from 0 on, and M are all of them; ids are such numbers. Keys
+    with the name of a field of `About` or `Audit` are this field. Of the others:
 
-    run, probability
-        The run id, and what P is called.
-    sides, counts
-        The side of each verdict in use, and its number of demonstrations.
-    question, pair
-        The question, or ""; the two demonstrations that it is about, or none.
-    answers
-        The labels and pairs that were given: [demonstration, "good", "bad", "better than ID" or "same as ID"].
+    answers, rows
+        [demonstration, "good", "bad", "better than ID" or "same as ID"]; [demonstration, first, the one after the last,
+        "good" or "bad"].
     demonstrations
         Columns of M, by the names of `AuditResult.table` and: p (None where the place is shown in its stead), evidence
         (dict of columns), worst (lists of steps), stretch (the first and the last of the worst steps in a row, or
         None), group ("A", "B" or ""), session, order, facts (dict of columns), kept.
-    whole_ids, n_review
-        Whether the ids are whole numbers; how many to look at first.
-    segments, rows
-        By number as text, the segments of `About`: [first, the one after the last, kind, reason] of each; and the rows
-        that were called good or bad: [demonstration, first, the one after the last, "good" or "bad"].
     faults
-        Recording faults: kinds (of each rule, words and n), found (columns rule, demonstration or None, sentence;
-        the worst first), first (the worst of some demonstrations, numbers of found).
-    drawings
+        Columns of the worst ones, of each rule words and n, and numbers of those shown first.
+    segments, drawings
         By number as text. In P points, of which point k begins at step ``k * n_steps // P``: ratio (min, mean, max of
         the log-ratios), and trust (mean of the trust in the steps). Curves are packed by `packed`.
     """
