@@ -26,11 +26,8 @@ from rpil.scale.protocol import Shards
 def fit_sampled(task: Task, options: FitOptions, learns: bool = True) -> FitResult:
     """Judge a sample, then everything by what was learned from it, and fit the final policy unless nobody `learns`."""
     options.progress("a sample")
-    rng, settings, judging = (
-        np.random.default_rng(options.random_state),
-        options.settings.sample,
-        options.settings.judge,
-    )
+    settings, judging = options.settings.sample, options.settings.judge
+    rng = np.random.default_rng(options.random_state)
     indices = settings.draw(np.diff(task.source.offsets), task.answers.labels, options.n_sampled_steps(task), rng)
     demonstrations = task.source.select(indices)
     copies = copies_among(demonstrations)
@@ -45,9 +42,8 @@ def fit_sampled(task: Task, options: FitOptions, learns: bool = True) -> FitResu
     judgement, _ = judge_by_options(demonstrations, data, options, learns)
     sample = JudgedSample(data, indices, judgement, FittedJudge.of(judgement, data, judging))
     options.progress("a pass over everything: scores")
-    none, names = np.empty(0), data.action_names
-    people = {"demonstrators": task.demonstrators, "action_names": names}
-    everyone = FitData(none, none, task.source.offsets, task.space, **people)
+    none, who, names = np.empty(0), task.demonstrators, data.action_names
+    everyone = FitData(none, none, task.source.offsets, task.space, demonstrators=who, action_names=names)
     parts = policies_of_parts(data, judgement, judging)
     scores = blocks.map(partial(score_block, judge=sample.judge, parts=parts, settings=judging))
     judgement = judge_everyone(sample, everyone, scores, judging)
@@ -83,10 +79,10 @@ def learned(
     choice = options.linear.choice(demonstrations, data.actions, weight, space)
     features = options.linear.feature_map(choice, demonstrations.observations, weight)
     data = replace(data, features=features.design(demonstrations.observations, single=True))
-    blocks = blocks.then(WeightedMap(DesignMap(features, space, task.classes), trust))
+    weighted = blocks.then(WeightedMap(DesignMap(features, space, task.classes), trust))
     ridge, final_ridge = (ridge_of(features, options.C, float(n), space) for n in (weight.sum(), total))
     zero, final = linear_policy(space, ridge, weight.sum()), linear_policy(space, final_ridge, total)
     first, _ = zero.fit(data, weight)
     start, hessian = first.with_preconditioner(data, weight, final.ridge, total / weight.sum())
-    policy = ascend(blocks.kept(n_steps), start, hessian, options.settings.ascent, options.progress)
+    policy = ascend(weighted.kept(n_steps), start, hessian, options.settings.ascent, options.progress)
     return replace(result, features=features, policy=policy.with_temperature(choice.temperature))

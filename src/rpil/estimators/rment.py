@@ -52,8 +52,8 @@ class Selection:
     selected: Array
     objective: float
     """The value of eq. 2, which no concentration step raises."""
-    n_fits: int = 1
-    converged: bool = False
+    n_fits: int
+    converged: bool
     """Whether the selected demonstrations are those that the policy explains best."""
 
 
@@ -66,7 +66,7 @@ def fit_selected(data: FitData, policy: LinearPolicy, selected: Array, tol: floa
     log_likelihood = data.sum_steps(log_prob) / data.lengths
     penalty = policy.penalty() / data.lengths.mean()
     objective = (penalty - log_likelihood[selected].sum()) / selected.sum()
-    return Selection(policy, log_likelihood, selected, float(objective))
+    return Selection(policy, log_likelihood, selected, float(objective), n_fits=1, converged=False)
 
 
 def concentrate(data: FitData, start: Selection, n_trusted: int, tol: float, max_iter: int) -> Selection:

@@ -90,12 +90,6 @@ class AuditResult(Judged):
         """The place of each demonstration in the ranking, from 1, the most trusted, on."""
         return np.argsort(self.ranking()) + 1
 
-    def has_proba(self, index: int) -> bool:
-        """Whether `expert_proba` of a demonstration may be shown: it has a verdict, or an adversary was named. Else its
-        place in the ranking is."""
-        verdict, named = self.verdicts[index], (self.vocabulary.upper, self.vocabulary.lower)
-        return self.anchor == "named adversary" or (verdict in named and verdict != "open")
-
     def style(self, who: Demonstrator) -> str:
         """The style of a demonstrator in words."""
         return style_in_words(self.facts, self.lengths, [self.index(name) for name in who.demonstrations])

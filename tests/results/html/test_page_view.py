@@ -34,7 +34,9 @@ def test_columns_are_those_of_the_audit_in_the_order_of_the_data():
     np.testing.assert_allclose(columns["log_odds"], audit.log_odds, rtol=1e-5)
     assert columns["p"][:6] == [None] * 6  # they have no word
     np.testing.assert_allclose(columns["p"][6:], audit.expert_proba[6:], atol=1e-9)
-    assert columns["rank"] == audit.ranks.tolist()
+    named = make_audit(("expert", "open"), anchor="named adversary", expert_proba=np.array([0.9, 0.5]))
+    assert view(named)["demonstrations"]["p"] == [0.9, 0.5]
+    assert columns["rank"] == audit.ranks.tolist() == (np.argsort(np.argsort(-audit.log_odds)) + 1).tolist()
     assert columns["worst"] == [audit.worst_steps(m) for m in range(len(audit.ids))]
     assert columns["stretch"] == [stretch_of(audit, m) for m in range(len(audit.ids))]
     assert columns["stretch"][9][0] < 168 / 2 < columns["stretch"][9][1]  # it goes wrong in its middle

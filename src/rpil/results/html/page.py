@@ -137,11 +137,13 @@ def _columns(audit: AuditResult, about: About) -> View:
     letters = {name: letter for letter, members in audit.groups.items() for name in members}
     names, facts, table = list(map(str, audit.ids)), dict(audit.facts), audit.table(about.demonstrators, about.tasks)
     kept, parts = {*choose(table).kept}, {name: part.tolist() for name, part in audit.evidence.items() if part.any()}
+    shown = {audit.vocabulary.upper, audit.vocabulary.lower, "open"}
+    shown -= set() if audit.anchor == "named adversary" else {"open"}
     as_in_table = "verdict", "rank", "n_steps", "reason", "task", "demonstrator", "log_odds", "reliability"
     return {
         "id": names,
         **{name: list(table[name]) for name in as_in_table},
-        "p": [p if audit.has_proba(m) else None for m, p in enumerate(audit.expert_proba.tolist())],
+        "p": [p if audit.verdicts[m] in shown else None for m, p in enumerate(audit.expert_proba.tolist())],
         "evidence": parts if len(parts) > 1 else {},
         "worst": [audit.worst_steps(m) for m in range(len(names))],
         "stretch": [stretch_of(audit, m) for m in range(len(names))],
