@@ -165,8 +165,6 @@ def judge(file: str, given: RunOptions, progress: StageProgress) -> AuditRun:
     read by the same columns; then the data are read into memory."""
     columns, reference = given.columns, given.reference
     recording, beside = open_recording(file, columns, progress, None if reference is None else False), None
-    if columns.only and reference is None and len(recording.demonstrations) == 1:
-        raise DataError(f"{file}: one demonstration alone cannot be judged; rpil convert --only writes it as it is.")
     if reference is not None:
         if os.path.realpath(reference) == os.path.realpath(file):
             raise DataError(f"{reference}: the reference is the data themselves; give other demonstrations.")
