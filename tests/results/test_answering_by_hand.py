@@ -22,11 +22,10 @@ from rpil.results.answering import (
     looking_order,
     rank_demonstrators,
     rejecting_rules,
-    stretch_of,
     verdicts_of,
     where_to_look,
 )
-from rpil.results.reasons import TWO_GROUPS
+from rpil.results.reasons import TWO_GROUPS, worst_stretch
 from rpil.results.record import Demonstrator, Interval
 from rpil.results.vocabulary import VOCABULARIES
 
@@ -158,15 +157,15 @@ def asking(ratio=(), **changes):
 )
 def test_where_to_look(ratio, look_at, where, seconds):
     audit = asking(ratio)
-    assert stretch_of(audit, 0) is None
-    assert stretch_of(audit, 1) == look_at
+    assert worst_stretch(audit.log_ratio(0)) is None
+    assert worst_stretch(audit.log_ratio(1)) == (look_at and tuple(look_at))
     assert where_to_look(audit, 1) == (f"1 (look {where})" if where else "1")
     assert where_to_look(replace(audit, fps=10.0), 1) == (f"1 (look {seconds})" if where else "1")
 
 
 def test_nothing_is_to_see_where_steps_are_not_kept():
     kept = {"step_log_ratio": np.empty(0), "step_weight": np.empty(0)}
-    assert stretch_of(asking(**kept), 1) is None
+    assert worst_stretch(asking(**kept).log_ratio(1)) is None
 
 
 @pytest.mark.parametrize(

@@ -17,19 +17,13 @@ NO_STRETCH = {"step_log_ratio": np.ones(40), "lengths": [20, 20]}
 
 def test_worst_stretch_has_the_lowest_sum_of_all_stretches() -> None:
     assert worst_stretch(np.array([1.0, -4.9, 1.0])) is None, "that is less than 150 to one"
-    assert worst_stretch(np.array([1.0, -5.1, 1.0])) == (1, 1, pytest.approx(-5.1))
-    assert worst_stretch(np.array([1.0, -6.0, 20.0])) == (1, 1, -6.0), "what comes after it does not begin it"
+    assert worst_stretch(np.array([1.0, -5.0, 1.0])) == (1, 1)
+    assert worst_stretch(np.array([1.0, -6.0, 20.0])) == (1, 1), "what comes after it does not begin it"
     for seed in range(20):
         ratio = np.random.default_rng(seed).normal(0.2, 2.0, 25)
         sums = {(i, j): ratio[i : j + 1].sum() for i in range(25) for j in range(i, 25)}
         lowest = min(sums, key=sums.__getitem__)
-        stretch = worst_stretch(ratio)
-        if sums[lowest] > -MIN_STRETCH:
-            assert stretch is None
-        else:
-            assert stretch is not None
-            assert (stretch.first, stretch.last) == lowest
-            assert stretch.nats == pytest.approx(sums[lowest])
+        assert worst_stretch(ratio) == (None if sums[lowest] > -MIN_STRETCH else lowest)
 
 
 def test_reason_names_the_stretch_of_the_audit() -> None:

@@ -192,16 +192,10 @@ def question(audit: Judged) -> str | None:
 def where_to_look(audit: Judged, name: Hashable) -> str:
     """The demonstration, with its worst stretch unless that is nearly all of it."""
     m = audit.index(name)
-    stretch = stretch_of(audit, m)
+    stretch = worst_stretch(audit.log_ratio(m))
     if stretch is None or stretch[1] + 1 - stretch[0] >= NEARLY_ALL * audit.lengths[m]:
         return printable(name)
     return f"{printable(name)} (look {span(stretch[0], stretch[1], audit.fps)})"
-
-
-def stretch_of(audit: Judged, m: int) -> list[int] | None:
-    """The first and the last step to look at in demonstration `m`; None where no step stands out."""
-    stretch = worst_stretch(audit.log_ratio(m))
-    return None if stretch is None else [stretch.first, stretch.last]
 
 
 def looking_order(audit: Judged) -> tuple[list[int], int]:

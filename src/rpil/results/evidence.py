@@ -120,7 +120,7 @@ def deviations(audit: Audit, evidence: StepEvidence, classes: Array) -> tuple[st
         if stretch is None:
             phrases.append("")
             continue
-        own = np.arange(stretch.first, stretch.last + 1)
+        own = np.arange(stretch[0], stretch[1] + 1)
         steps = own[np.argsort(log_ratio[own], kind="stable")[:MAX_STEPS]]  # the worst ones
         rows = data.offsets[place] + steps
         if data.space.kind != "discrete":

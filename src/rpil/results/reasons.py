@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logit, ndtr
@@ -41,23 +40,16 @@ NOBODY = "no outliers"
 FIFTHS = "Lowest fifth", "Below the middle", "In the middle", "Above the middle", "Highest fifth"
 
 
-class Stretch(NamedTuple):
-    """Consecutive steps of a demonstration, counted from its first step, and the sum of their log-ratios in nats."""
-
-    first: int
-    last: int
-    nats: float
-
-
-def worst_stretch(log_ratio: Float[Array, " n"]) -> Stretch | None:
-    """The stretch with the lowest sum of log-ratios; None where that is above -`MIN_STRETCH`."""
+def worst_stretch(log_ratio: Float[Array, " n"]) -> tuple[int, int] | None:
+    """The first and the last of the consecutive steps with the lowest sum of log-ratios; None where that is above
+    -`MIN_STRETCH`."""
     # Of all pairs of sums of the first steps, the one that falls most (Kadane's algorithm).
     total = np.concatenate([[0.0], np.cumsum(log_ratio)])
     fall = total - np.maximum.accumulate(total)
     stop = int(np.argmin(fall))
     if fall[stop] > -MIN_STRETCH:
         return None
-    return Stretch(int(np.argmax(total[: stop + 1])), stop - 1, float(fall[stop]))
+    return int(np.argmax(total[: stop + 1])), stop - 1
 
 
 def reasons_of(audit: Judged, answers: Answers, said: Sequence[str]) -> Iterator[str]:
@@ -94,8 +86,8 @@ def _worst_of(audit: Judged, m: int) -> tuple[str, str, str]:
     stretch, does = worst_stretch(audit.log_ratio(m)), audit.deviations[m] if audit.deviations else ""
     if stretch is None or audit.finding == "nothing could be learned":
         return "", "", ""
-    is_long = stretch.last + 1 - stretch.first >= NEARLY_ALL * audit.lengths[m]
-    place = THROUGHOUT if is_long else span(stretch.first, stretch.last, audit.fps)
+    first, last = stretch
+    place = THROUGHOUT if last + 1 - first >= NEARLY_ALL * audit.lengths[m] else span(first, last, audit.fps)
     if (seen := AT_STEP.match(does)) is None:
         return place, "", does
     at = span(int(seen[1]), int(seen[1]), audit.fps)

@@ -22,7 +22,7 @@ from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id
 from rpil.results.judged import Demonstrator, Judged
-from rpil.results.reasons import Fact, known_facts, reasons_of, style_in_words
+from rpil.results.reasons import Fact, known_facts, reasons_of, style_in_words, worst_stretch
 from rpil.results.vocabulary import SIDES, WORSE
 
 if TYPE_CHECKING:
@@ -205,7 +205,7 @@ class AuditResult(Judged):
         nested = ("from_", "fact_", "demonstrator", "task", "faults", "run")  # or not known to an audit
         columns, asked = {name: own for name, own in self.table().items() if not name.startswith(nested)}, None
         if self.question:
-            look_at = [answering.stretch_of(self, self.index(name)) for name in self.pair]
+            look_at = [worst_stretch(self.log_ratio(self.index(name))) for name in self.pair]
             asked = {"pair": list(self.pair), "look_at": look_at, "text": self.question}
         return {
             "n_demonstrations": len(self.ids),

@@ -22,11 +22,11 @@ from rpil.faults.report import RULES, FaultReport
 from rpil.faults.set_table import SetTable
 from rpil.inference.findings import DECIDED
 from rpil.numerics.types import Array
-from rpil.results.answering import looking_order, stretch_of
+from rpil.results.answering import looking_order
 from rpil.results.choice import choose
 from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
 from rpil.results.overview import headline
-from rpil.results.reasons import TWO_GROUPS
+from rpil.results.reasons import TWO_GROUPS, worst_stretch
 from rpil.results.result import AuditResult
 from rpil.results.vocabulary import SIDES, numbered
 from rpil.segments.kinds import KINDS, Segments
@@ -146,7 +146,7 @@ def _columns(audit: AuditResult, about: About) -> View:
         "p": [p if audit.verdicts[m] in shown else None for m, p in enumerate(audit.expert_proba.tolist())],
         "evidence": parts if len(parts) > 1 else {},
         "worst": [audit.worst_steps(m) for m in range(len(names))],
-        "stretch": [stretch_of(audit, m) for m in range(len(names))],
+        "stretch": [worst_stretch(audit.log_ratio(m)) for m in range(len(names))],
         "look": (np.array(table["look"]) - 1).tolist(),
         "group": [letters.get(name, "") for name in audit.ids],
         "session": list(map(str, facts.pop("session", [""] * len(names)))),
