@@ -257,20 +257,6 @@ def fit_data_of(toy: Toy, labels: Any = None) -> FitData:
     return data if labels is None else replace(data, labels=np.asarray(labels))
 
 
-def two_styles(
-    seed: int, n_first: int = 8, n_second: int = 8, above: float = 0.8, steps: int = 400
-) -> tuple[Demonstrations, Array]:
-    """Demonstrations of good experts with two styles, and which are of the second (M,): it takes action 1 where the
-    second observation is larger than `above`."""
-    rng = np.random.default_rng(seed)
-    observations = rng.normal(size=((n_first + n_second) * steps, 2))
-    offsets = np.arange(0, len(observations) + 1, steps)
-    actions = observations[:, 0] + rng.normal(size=len(observations)) > 0
-    second = np.arange(len(observations)) >= n_first * steps
-    actions |= second & (observations[:, 1] > above)
-    return Demonstrations(observations, actions.astype(int), offsets), second[offsets[:-1]]
-
-
 @contextmanager
 def refused(match: str | None = None, error: type[Exception] = DataError) -> Iterator[Any]:
     """The block fails with one sentence, on one line."""
