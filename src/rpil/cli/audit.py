@@ -118,7 +118,7 @@ def audit(
         click.echo(f"{title.capitalize()}: {outputs[title]}", err=form != "text")
         if form == "text" and not given.quiet:
             print_lines(lines)
-    return commands.tell_if_too_many(result, fail_on)
+    return commands.tell_if_too_many(result, fail_on) if fail_on else 0
 
 
 def closing_lines(ctx: click.Context, audit: Audit) -> list[str]:

@@ -294,12 +294,12 @@ def choice_asked(
     return Asked(share, at_least, faulty)
 
 
-def tell_if_too_many(audit: Audit, limit: str | None) -> int:
+def tell_if_too_many(audit: Audit, limit: str) -> int:
     """The exit code under a `verdict_limit`: 1, with a line on stderr, if more are outliers or bad than allowed."""
-    (verdict, _, most), lower = (limit or "").partition(":"), audit.vocabulary.lower
+    (verdict, _, most), lower = limit.partition(":"), audit.vocabulary.lower
     # Those called outliers without an answer are not bad; those called bad differ from the good ones.
     count = sum(SIDES[one] == "lower" and (verdict == "outlier" or one != "outlier") for one in audit.verdicts)
-    if limit is None or count <= int(most or 0):
+    if count <= int(most or 0):
         return 0
     who = f"{count:,} of {len(audit.ids):,} demonstrations are {PLURALS.get(lower, lower)}"
     click.echo(f"rpil: {who}, and --fail-on {limit} allows {int(most or 0):,}.", err=True)

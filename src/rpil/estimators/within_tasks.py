@@ -177,7 +177,8 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
     if keeps_policy and (task.answers.labels < 0).all():
         raise DataError(f"{task.source.source}: all demonstrations are labelled bad; leave one that may be good.")
     fit = fit_full
-    may_sample, sample = options.judges and options.policy is None, options.settings.sample
+    sample = options.settings.sample
+    may_sample = options.judges and options.policy is None and task.source.offsets[-1] > sample.min_steps
     if may_sample and sample.is_smaller_than(task.source.offsets, options.n_sampled_steps(task)):
         from rpil.estimators.passes import fit_sampled as fit
     with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
