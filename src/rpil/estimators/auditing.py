@@ -101,8 +101,6 @@ def audit_recording(
     The `path` of the recording, where it has one, the `command` and other `files` say where the audit comes from.
     """
     audit, _ = fit_within_tasks(recording, stated, options, keeps_policy=False)
-    changed: dict[str, object] = {} if options.features == JUDGE_FEATURES else {"features": options.features}
-    changed |= {} if options.adversary == "auto" else {"adversary": options.adversary}
-    changed |= {} if options.settings == Settings() else {"settings": repr(options.settings)}
+    changed = {} if options.settings == Settings() else {"settings": repr(options.settings)}
     provenance = Provenance.of(command, options.random_state, changed, (path, *files))
     return replace(audit, provenance=provenance, fps=recording.description.fps or recording.times().fps)
