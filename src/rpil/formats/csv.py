@@ -189,7 +189,7 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
         content = content[: content.find(b"\n", _HEAD_BYTES) + 1] or content  # whole lines
         options_of_head = _options(file, len(content) + 1)
         with pa.csv.open_csv(pa.BufferReader(content), *options_of_head) as reader:
-            first = pa.Table.from_batches(itertools.islice(reader, 1), reader.schema)
+            first = reader.read_all()  # one block: a reader that has not seen the end may outlive Python, and abort
         kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS))
     if not len(first) and default_id is None:
         said = "it has no rows; write one for each step below the names of its columns"
