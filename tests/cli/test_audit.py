@@ -14,6 +14,7 @@ import pytest
 
 from command_line import ok
 from rpil import formats
+from rpil.formats.recording import Recording
 
 
 def test_audit_prints_json(folder):
@@ -42,6 +43,13 @@ def test_audit_does_not_choose_features(folder, monkeypatch):
     found = json.loads(ok("audit", folder / "good.parquet", "--format", "json", "--adversary", "marginal").stdout)
     assert (found["adversary"], found["finding"]) == ("marginal", "mixture")
     ok("audit", folder / "good.parquet", "--quiet")
+
+
+def test_an_audit_reads_the_demonstrations_once(folder, monkeypatch):
+    loads, load = [], Recording.load
+    monkeypatch.setattr(Recording, "load", lambda *given: loads.append(1) or load(*given))
+    ok("audit", folder / "good.parquet", "--quiet")
+    assert len(loads) == 1
 
 
 def test_audit_writes_a_report_and_weights(folder):

@@ -11,6 +11,7 @@ import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -196,7 +197,10 @@ def look_for_faults(
     progress("looking for recording faults")
     wanted = {*rules}
     looks, reads = (any(rule.name in wanted for rule in some) for some in (BY_LOOKING, FOLDER_RULES))
-    return check(recording if reads else replace(recording, find_defects=None), video=looks, skip_bad=skip_bad)
+    if not reads:
+        recording = copy(recording)  # with the demonstrations, which are read
+        vars(recording)["find_defects"] = None
+    return check(recording, video=looks, skip_bad=skip_bad)
 
 
 OUTPUTS = ("ranges", "segments", "weights", "verdicts", "keep", "report", "annotate")

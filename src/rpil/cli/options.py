@@ -219,10 +219,7 @@ def pop_columns(options: dict[str, Value]) -> ColumnOptions:
     from rpil.formats.columns import ColumnOptions
 
     names = {one.name for one in fields(ColumnOptions)} - {"session", "allow_missing", "on_disk"}
-    return ColumnOptions(
-        session=options.get("session"),
-        **{name: options.pop(name) for name in names & options.keys()},
-    )
+    return ColumnOptions(session=options.get("session"), **{name: options.pop(name) for name in names & options.keys()})
 
 
 def command_words(ctx: click.Context, name: str, without: Collection[str] = ("labels", "quiet", "memory")) -> list[str]:

@@ -55,14 +55,7 @@ def _read_foreign(point: EntryPoint, path: Path, options: ColumnOptions) -> Step
     return from_arrow(checked(), options, path.name, point.name)
 
 
-FORMATS: Iterable[Format] = Formats(
-    "parquet",
-    "csv",
-    "lerobot.folder",
-    "array_files",
-    "json_lines",
-    "table_folder",
-)
+FORMATS: Iterable[Format] = Formats("parquet", "csv", "lerobot.folder", "array_files", "json_lines", "table_folder")
 """The formats, in the order in which a path is shown to them: extensions of one format come first, because no file
 is opened for them; what any folder may be comes last."""
 

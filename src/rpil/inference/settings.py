@@ -178,11 +178,7 @@ class AnswerSettings:
     """Places in the ranking, from the lowest, at which labels are asked for, one after the other."""
 
 
-@settings_record(
-    variance_steps="[0, inf)",
-    min_gain="[0, inf)",
-    monotony="[0, inf)",
-)
+@settings_record(variance_steps="[0, inf)", min_gain="[0, inf)", monotony="[0, inf)")
 class JudgeSettings:
     """Everything that the judge (`rpil.inference.trust`) assumes: the settings of its stages, and its own."""
 

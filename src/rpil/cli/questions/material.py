@@ -62,9 +62,8 @@ class Recorded:
         one, curves = self.data.select([m]), []
         for k, column in enumerate(self.columns):
             values = self._values(one, k)
-            curves.append(
-                packed({"value": values[bin_starts(len(values))] if column["classes"] else bin_means(values)})
-            )
+            binned = values[bin_starts(len(values))] if column["classes"] else bin_means(values)
+            curves.append(packed({"value": binned}))
         return curves
 
     def column(self, k: int) -> View:
