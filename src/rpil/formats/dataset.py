@@ -85,13 +85,16 @@ class Layout:
                 self._fill(actions[own].reshape(len(table), -1), table, self.actions, at)
 
     def _fill(self, out: Array, table: pa.Table, columns: Sequence[str], at: Place) -> None:
-        for k, name in enumerate(columns):
+        together: list[Array] = []
+        for k, name in enumerate(columns, start=1):
             values = flat.column_values(table, name, at, self.allows_missing)
             if values.dtype.kind == "U" and out.dtype.kind != "U":
                 row = next((row for row, text in enumerate(values) if not flat.is_number(text)), 0)
                 said = f"column {name!r} holds text ({str(values[row])[:40]!r}), not numbers"
                 raise DataError(f"{at(row)}: {said}; write numbers, or leave the column out with <option>.", "exclude")
-            out[:, k] = values
+            together.append(values)
+            if not k % 16 or k == len(columns):  # several at a time, as numbers of a row lie together
+                out[:, k - len(together) : k], together = np.stack(together).T, []
 
 
 def _shown(names: Sequence[str]) -> dict[str, str]:

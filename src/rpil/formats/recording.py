@@ -162,17 +162,8 @@ class Recording:
         classes, n = found.classes, len(layout.action_names)
         if found.fault is not None and layout.action.kind in "iu":  # numbers with gaps are no classes
             layout, classes = replace(layout, action=np.dtype(np.float64), n_parts=1), np.empty(0)
-        data = Dataset(
-            steps.ids,
-            steps.offsets,
-            steps.source,
-            steps,
-            layout,
-            classes,
-            found.low[:n],
-            found.high[:n],
-            options.memory,
-        )
+        ends = found.low[:n], found.high[:n]
+        data = Dataset(steps.ids, steps.offsets, steps.source, steps, layout, classes, *ends, options.memory)
         if not options.allow_missing:
             data.refuse_faulty(found.faulty)
         return data.select(slice(None)) if isinstance(steps.table, pa.Table) else data
@@ -221,10 +212,8 @@ def _asked(ids: Sequence[Id], options: ColumnOptions, source: str) -> Array:
 
     def numbers(wanted: Ids, option: str) -> list[int]:
         """The numbers of those that a user names, by ids of Python or of NumPy; an empty text names none."""
-        found, several = (
-            list[int](),
-            [wanted] if isinstance(wanted, str) or not isinstance(wanted, Iterable) else wanted,
-        )
+        found = list[int]()
+        several = [wanted] if isinstance(wanted, str) or not isinstance(wanted, Iterable) else wanted
         for given in filter(None, map(str, () if wanted is None else several)):
             for name in [given] if given in places else map(str.strip, given.split(",")):
                 ends = _RANGE.fullmatch(name)

@@ -60,11 +60,12 @@ class Scan:
         read = {name: flat.numbers_or_nothing(table[name]) for name in self._read}
         kind = np.float32 if all(own.dtype == np.float32 for own in read.values()) else float
         values = np.stack([*read.values()], dtype=kind)  # in which numbers are compared fast
-        if not (finite := np.isfinite(values).all(axis=0)).all():
+        low, high = values.min(axis=1), values.max(axis=1)
+        if not np.isfinite([low, high]).all():
             self.missing += np.isnan(values).sum(axis=1)
-            self.faulty.update(owners[~finite].tolist())
-        self.low = np.fmin(self.low, np.fmin.reduce(values, axis=1))
-        self.high = np.fmax(self.high, np.fmax.reduce(values, axis=1))
+            self.faulty.update(owners[~np.isfinite(values).all(axis=0)].tolist())
+            low, high = np.fmin.reduce(values, axis=1), np.fmax.reduce(values, axis=1)
+        self.low, self.high = np.fmin(self.low, low), np.fmax(self.high, high)
         for k in np.flatnonzero(self.within).tolist():
             self.within[k] = ((values[k, 1:] == values[k, :-1]) | ~same).all()
         for name in [*self.clocks] if same.any() else ():  # but for the rounding of its numbers
@@ -75,14 +76,20 @@ class Scan:
                 near = _ROUNDING * step + float(rounding)
                 if not 4 * near < step < inf or not (np.abs(grown - step) <= near).all():
                     del self.clocks[name]
+        if self.repeats:
+            self._add_repeats(read, same)
+        if not self.layout.n_parts:
+            self._add_action(table, at)
+
+    def _add_repeats(self, read: Mapping[str, Array], same: Array) -> None:
+        """Look at the columns that may repeat the action of the step before, where that is of the `same` demonstration,
+        and count the changes of the action."""
         actions = np.stack([read[name] for name in self.layout.actions], axis=1)
         before = actions[:-1][same]
         same_values = ((own, np.stack([read[name] for name in own], axis=1)[1:][same]) for own in self.repeats)
         with np.errstate(invalid="ignore"):  # actions of damaged files need not be whole
             self.repeats = {own for own, now in same_values if np.array_equal(now, before.astype(now.dtype))}
         self._n_changes += int((before != actions[1:][same]).any(axis=1).sum())
-        if not self.layout.n_parts:
-            self._add_action(table, at)
 
     def _add_action(self, table: pa.Table, at: Place) -> None:
         """Add the actions of one column, but for those that are missing."""

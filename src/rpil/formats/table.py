@@ -135,7 +135,10 @@ def flattened(table: pa.Table, lists: Mapping[str, Sequence[str]], wanted: Seque
         if column.null_count or (values := column.flatten()).null_count or not _is_numeric(values.type):
             columns |= {part: pc.list_element(column, k) for k, part in enumerate(parts) if part in chosen}
             continue
-        matrix = np.ascontiguousarray(values.to_numpy(zero_copy_only=False).reshape(-1, len(parts)).T)
+        rows = values.to_numpy(zero_copy_only=False).reshape(-1, len(parts))
+        matrix, n = np.empty(rows.shape[::-1], rows.dtype), 4 * HEAD_ROWS
+        for k in range(0, len(rows), n):  # in blocks that stay in the cache
+            matrix[:, k : k + n] = rows[k : k + n].T
         columns |= {part: pa.array(own) for part, own in zip(parts, matrix, strict=True) if part in chosen}
     return pa.table(columns).select(wanted)
 
