@@ -16,9 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
 
 from .columns import COLUMNS
+from .goals import WORTH, gained, goals
+from .intervals import half_widths
 from .peers import ALL, ORACLE
 
 Row = dict[str, Any]
@@ -81,7 +82,7 @@ def summarised(draws: Sequence[Row], column: str) -> Summary | None:
         return None
     means = {cell: float(np.mean(own)) for cell, own in less.items()}
     worst_cell = min(means, key=lambda cell: means[cell], default="")
-    in_cell, of_mean = intervals(less, worst_cell)
+    in_cell, of_mean = half_widths(less, worst_cell)
     aurocs = by_cell(values["auroc"])
     return Summary(
         means.get(worst_cell),
@@ -106,16 +107,6 @@ def by_cell(values: dict[str, list[float]]) -> list[float]:
 def mean(values: Iterable[float]) -> float | None:
     found = list(values)
     return float(np.mean(found)) if found else None
-
-
-def intervals(less: dict[str, list[float]], cell: str) -> tuple[float | None, float | None]:
-    """Half-widths of the 95 % intervals of the mean in a cell, and of the mean over cells; None of a single seed."""
-    freedom = sum(len(own) - 1 for own in less.values())
-    if freedom < 1:
-        return None, None
-    spread = np.sqrt(sum(np.var(own) * len(own) for own in less.values()) / freedom)
-    wide = float(student.ppf(0.975, freedom) * spread)
-    return wide / np.sqrt(len(less[cell])), wide * np.sqrt(sum(1 / len(own) for own in less.values())) / len(less)
 
 
 def line(name: str, found: Summary | None) -> list[str]:
@@ -161,7 +152,7 @@ def of_world(draws: Sequence[Row]) -> str:
 
 
 def across(draws: Sequence[Row]) -> str:
-    """Two tables over all worlds: how far each column is from all, and AUROC."""
+    """Tables over all worlds: how far each column is from all, AUROC, what others published, and the goals."""
     worlds = {name: [draw for draw in draws if draw["world"] == name] for name in sorted({d["world"] for d in draws})}
     found: dict[str, dict[str, Summary]] = defaultdict(dict)
     for name, (world, own) in product(COLUMNS, worlds.items()):
@@ -183,18 +174,21 @@ def across(draws: Sequence[Row]) -> str:
         "Worst cell/mean of cells, in points less all; last, cells that gain where the truth does.",
         "AUROC, mean of cells.",
         "Published, and here.",
+        "Goals.",
     )
     ends = [{world: each.policy for world, each in found[name].items()} for name in (ALL, ORACLE)]
     beside = [[*about(own), *(number(end.get(world), ".1f") for end in ends)] for world, own in worlds.items()]
-    tables = plain(header, moved), plain(["column", *worlds], ranked), plain(BESIDE, beside)
+    tables = (
+        plain(header, moved),
+        plain(["column", *worlds], ranked),
+        plain(BESIDE, beside),
+        plain(GOALS, goals(worlds)),
+    )
     return "\n\n".join(part for pair in zip(texts, tables, strict=True) for part in pair)
 
 
 NOTHING = Summary(None, "", None, None, None, None, None, None, None)
-WORTH = 10.0
-"""Points that a choice of demonstrations is worth."""
-
-
+GOALS = "goal", "here"
 BESIDE = "world", "cells x seeds", "published", f"here: {ALL}", f"here: {ORACLE}"
 
 
@@ -214,14 +208,8 @@ def in_all(own: Mapping[str, Summary], worlds: Iterable[str]) -> list[Summary]:
 
 def of_worth(draws: Sequence[Row], name: str) -> str:
     """Of the cells in which the oracle gains `WORTH` points over all, those in which the column does."""
-    gains: dict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
-    for draw in draws:
-        policy = [draw["columns"].get(column, {}).get("policy") for column in (ALL, ORACLE, name)]
-        if None not in policy:
-            gains[draw["world"], draw["cell"]].append((policy[1] - policy[0], policy[2] - policy[0]))
-    means = [np.mean(own, axis=0) for own in gains.values()]
-    worth = [gain for most, gain in means if most >= WORTH]
-    return f"{sum(gain >= WORTH for gain in worth)}/{len(worth)}"
+    count, most = gained(draws, name)
+    return f"{count}/{most}"
 
 
 def plain(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -233,7 +221,9 @@ def page(draws: Sequence[Row], brief: bool = False) -> str:
     """All worlds that were run, and which commit they are of; `brief` leaves out the table of each world."""
     if not draws:
         raise SystemExit("nothing was run yet; see python -m rpil_outside run --help")
-    commits = sorted({str(draw["commit"]) for draw in draws})
+    commit, *others = sorted({str(draw["commit"]) for draw in draws})
+    if others:
+        raise SystemExit(f"the figures are of commits {commit}, {', '.join(others)}; run them on one.")
     worlds = list(dict.fromkeys(draw["world"] for draw in draws))
     sections = [] if brief else [of_world([draw for draw in draws if draw["world"] == world]) for world in worlds]
-    return "\n\n".join([f"Commit {', '.join(commits)}.", across(draws), *sections]) + "\n"
+    return "\n\n".join([f"Commit {commit}.", across(draws), *sections]) + "\n"
