@@ -151,8 +151,9 @@ def of_world(draws: Sequence[Row]) -> str:
     return "\n\n".join([f"## {first['world']}", text, table(rows)])
 
 
-def across(draws: Sequence[Row]) -> str:
-    """Tables over all worlds: how far each column is from all, AUROC, what others published, and the goals."""
+def across(draws: Sequence[Row], brief: bool = False) -> str:
+    """Tables over all worlds: how far each column is from all, and the goals; without `brief` AUROC and figures of
+    others besides."""
     worlds = {name: [draw for draw in draws if draw["world"] == name] for name in sorted({d["world"] for d in draws})}
     found: dict[str, dict[str, Summary]] = defaultdict(dict)
     for name, (world, own) in product(COLUMNS, worlds.items()):
@@ -170,21 +171,17 @@ def across(draws: Sequence[Row]) -> str:
     finest = [number(each.detectable, ".0f") for each in in_all(found[ORACLE], worlds)]
     moved.append([f"± of a cell, {ORACLE}", "", *finest, ""])
     header = ["column", "worst", *worlds, f"+{WORTH:.0f} where {ORACLE} has it"]
-    texts = (
-        "Worst cell/mean of cells, in points less all; last, cells that gain where the truth does.",
-        "AUROC, mean of cells.",
-        "Published, and here.",
-        "Goals.",
-    )
+    moved.append(["cells x seeds", "", *(about(own)[1] for own in worlds.values()), ""])
     ends = [{world: each.policy for world, each in found[name].items()} for name in (ALL, ORACLE)]
     beside = [[*about(own), *(number(end.get(world), ".1f") for end in ends)] for world, own in worlds.items()]
-    tables = (
-        plain(header, moved),
-        plain(["column", *worlds], ranked),
-        plain(BESIDE, beside),
-        plain(GOALS, goals(worlds)),
-    )
-    return "\n\n".join(part for pair in zip(texts, tables, strict=True) for part in pair)
+    tables = {
+        "Worst cell/mean of cells, in points less all; last, cells that gain where the truth does.": (header, moved),
+        "AUROC, mean of cells.": (["column", *worlds], ranked),
+        "Published, and here.": (BESIDE, beside),
+        "Goals.": (GOALS, goals(worlds)),
+    }
+    shown = [(text, plain(*rows)) for text, rows in tables.items() if not brief or rows[0] in (header, GOALS)]
+    return "\n\n".join(part for pair in shown for part in pair)
 
 
 NOTHING = Summary(None, "", None, None, None, None, None, None, None)
@@ -217,13 +214,22 @@ def plain(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (header, rule, *rows))
 
 
+def finished(draws: Sequence[Row]) -> list[Row]:
+    """The draws that have as many columns as any of their world: columns are compared over the same draws."""
+    most = {
+        world: max(len(d["columns"]) for d in draws if d["world"] == world) for world in {d["world"] for d in draws}
+    }
+    return [draw for draw in draws if len(draw["columns"]) == most[draw["world"]]]
+
+
 def page(draws: Sequence[Row], brief: bool = False) -> str:
-    """All worlds that were run, and which commit they are of; `brief` leaves out the table of each world."""
+    """All worlds that were run, and which commit they are of; `brief` leaves out AUROC and the table of each world."""
     if not draws:
         raise SystemExit("nothing was run yet; see python -m rpil_outside run --help")
     commit, *others = sorted({str(draw["commit"]) for draw in draws})
     if others:
         raise SystemExit(f"the figures are of commits {commit}, {', '.join(others)}; run them on one.")
+    draws = finished(draws)
     worlds = list(dict.fromkeys(draw["world"] for draw in draws))
     sections = [] if brief else [of_world([draw for draw in draws if draw["world"] == world]) for world in worlds]
-    return "\n\n".join([f"Commit {commit}.", across(draws), *sections]) + "\n"
+    return "\n\n".join([f"Commit {commit}.", across(draws, brief), *sections]) + "\n"
