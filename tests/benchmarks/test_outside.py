@@ -189,13 +189,14 @@ def test_a_folder_of_figures_has_one_commit(tmp_path, monkeypatch, out):
         page([first, second | {"commit": "0123456789ab"}])
 
 
-def test_a_night_runs_a_seed_of_all_worlds_before_the_next(tmp_path, monkeypatch):
+def test_a_night_runs_a_seed_of_all_worlds_before_the_next(tmp_path, monkeypatch, capsys):
     order, lacking = [], Tiny()
     lacking.needs = ("no_such_package",)
     monkeypatch.setattr("rpil_outside.__main__.run", lambda world, cells, seeds, *_: order.append((cells, *seeds)))
     worlds = {"tiny": Tiny(), "lacking": lacking, "other": Tiny()}
     assert main(["night", "--seeds", "2", "--json", str(tmp_path)], worlds) == 0
     assert order == [(["one bad", "three bad"], seed) for seed in (0, 0, 1, 1)]
+    assert capsys.readouterr().err == "tiny is left out: it needs no_such_package.\n"
 
 
 def test_a_night_has_cells_of_each_world():
@@ -224,7 +225,7 @@ def test_goals_are_named_with_what_missed_them():
 
     draws = [draw("a", 0, 50, 61), draw("a", 1, 50, 63), draw("b", 0, 50, 44), draw("b", 1, 50, 44)]
     found = [here for _, here in goals({"w": draws})]
-    assert found[0] == "missed: rpil 4 asked -6 (w, b); as asked: rpil keep"
+    assert found[0] == "missed: rpil 4 asked -6.0 (w, b); as asked: rpil keep"
     assert found[1] == "met: 1 of 2; 0 by rpil 4 random, 0 by rpil 8 asked, 0 by rpil 8 random"
     assert found[2] == "missed, 1 of 1: w 0.70 (SAL 0.73)"  # within the noise of the first
     assert found[3] == "not run"

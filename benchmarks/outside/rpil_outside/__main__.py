@@ -117,6 +117,9 @@ def run_world(options: argparse.Namespace, worlds: Mapping[str, World]) -> int:
 def run_night(options: argparse.Namespace, worlds: Mapping[str, World]) -> int:
     """Run the telling cells of each world whose packages are here: all of a seed before the next seed."""
     here = [world for world in worlds.values() if not lacking(world)]
+    for world in worlds.values():
+        if lacking(world):
+            print(f"{world.name} is left out: it needs {', '.join(lacking(world))}.", file=sys.stderr)
     for seed in range(options.seeds):
         for world in here:
             cells = [checked(world, cell) for cell in TELLING.get(world.name, world.cells)]

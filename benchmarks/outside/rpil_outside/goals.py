@@ -50,12 +50,12 @@ def of_worst(worlds: Mapping[str, Sequence[Row]]) -> str:
             found.append((*min(cells, key=lambda cell: cell[0]), name))
     if not found:
         return "nothing was driven"
-    lost = [f"{name} {worst:+.0f} ({world}, {cell})" for worst, _, world, cell, name in sorted(found) if worst < LEAST]
+    lost = [f"{name} {worst:+.1f} ({world}, {cell})" for worst, _, world, cell, name in sorted(found) if worst < LEAST]
     fine = [name for worst, wide, *_, name in found if worst >= LEAST and wide is not None and wide <= WIDEST]
     unsure = [name for worst, _, *_, name in found if worst >= LEAST and name not in fine]
     parts = [f"missed: {', '.join(lost)}"] if lost else ["met" if not unsure else "missed"]
     parts += [f"as asked: {', '.join(fine)}"] if fine else []
-    return "; ".join(parts + ([f"too wide an interval: {', '.join(unsure)}"] if unsure else []))
+    return "; ".join(parts + ([f"interval too wide: {', '.join(unsure)}"] if unsure else []))
 
 
 def of_gains(draws: Sequence[Row]) -> str:
