@@ -39,20 +39,30 @@ def gains(draws: Sequence[Row], name: str) -> dict[str, list[float]]:
     return found
 
 
+def short(name: str) -> str:
+    return name.removeprefix("rpil ")
+
+
+def first(found: Sequence[Any]) -> Any:
+    return found[0]
+
+
 def of_worst(worlds: Mapping[str, Sequence[Row]]) -> str:
     found = []
     for name in OURS:
         cells = []
         for world, own in worlds.items():
             less = gains(own, name)
-            cells += [(float(np.mean(each)), half_widths(less, cell)[0], world, cell) for cell, each in less.items()]
+            cells += [(float(np.mean(each)), half_widths(less, cell)[0], world) for cell, each in less.items()]
         if cells:
-            found.append((*min(cells, key=lambda cell: cell[0]), name))
+            found.append((*min(cells, key=first), name))
     if not found:
         return "nothing was driven"
-    lost = [f"{name} {worst:+.1f} ({world}, {cell})" for worst, _, world, cell, name in sorted(found) if worst < LEAST]
-    fine = [name for worst, wide, *_, name in found if worst >= LEAST and wide is not None and wide <= WIDEST]
-    unsure = [name for worst, _, *_, name in found if worst >= LEAST and name not in fine]
+    lost = [
+        f"{short(name)} {worst:+.1f} ({world})" for worst, _, world, name in sorted(found, key=first) if worst < LEAST
+    ]
+    fine = [short(name) for worst, wide, *_, name in found if worst >= LEAST and wide is not None and wide <= WIDEST]
+    unsure = [short(name) for worst, _, *_, name in found if worst >= LEAST and short(name) not in fine]
     parts = [f"missed: {', '.join(lost)}"] if lost else ["met" if not unsure else "missed"]
     parts += [f"as asked: {', '.join(fine)}"] if fine else []
     return "; ".join(parts + ([f"interval too wide: {', '.join(unsure)}"] if unsure else []))
@@ -60,7 +70,7 @@ def of_worst(worlds: Mapping[str, Sequence[Row]]) -> str:
 
 def of_gains(draws: Sequence[Row]) -> str:
     count, most = gained(draws, FOUR)
-    others = (f"{gained(draws, name)[0]} by {name}" for name in ("rpil 4 random", EIGHT, "rpil 8 random"))
+    others = (f"{gained(draws, name)[0]} by {short(name)}" for name in ("rpil 4 random", EIGHT, "rpil 8 random"))
     return f"{'met' if 2 * count >= most > 0 else 'missed'}: {count} of {most}; {', '.join(others)}"
 
 
@@ -78,23 +88,25 @@ def gained(draws: Sequence[Row], name: str) -> tuple[int, int]:
 
 def of_ranking(worlds: Mapping[str, Sequence[Row]]) -> str:
     """AUROC of ours and of the best peer in each world; noise is the paired interval of their difference."""
-    said, count = [], 0
+    said: dict[bool, list[str]] = {True: [], False: []}
     for world, own in worlds.items():
         peers = [name for name in PEERS if name not in (ALL, ORACLE)]
         means = {name: mean for name in [EIGHT, *peers] if (mean := ranked(own, name)) is not None}
         if EIGHT not in means or len(means) < 2:
             continue
-        first = max(set(means) - {EIGHT}, key=lambda name: means[name])
+        best = max(sorted(set(means) - {EIGHT}), key=lambda name: means[name])
         less = defaultdict[str, list[float]](list)
         for draw in own:
-            pair = [draw["columns"].get(name, {}).get("auroc") for name in (EIGHT, first)]
+            pair = [draw["columns"].get(name, {}).get("auroc") for name in (EIGHT, best)]
             if None not in pair:
                 less[draw["cell"]].append(pair[0] - pair[1])
         wide = half_widths(less, next(iter(less)))[1] or 0.0
         fine = np.mean([np.mean(each) for each in less.values()]) + wide >= 0
-        count += bool(fine)
-        said.append(f"{world} {means[EIGHT]:.2f} ({first} {means[first]:.2f}){'' if fine else ' missed'}")
-    return f"{'met' if count >= 5 else 'missed'}, {count} of {len(said)}: {', '.join(said)}"
+        said[bool(fine)].append(f"{world} {means[EIGHT]:.2f} ({best} {means[best]:.2f})")
+    count, of = len(said[True]), len(said[True] + said[False])
+    return (
+        f"{'met' if count >= 5 else 'missed'}, {count} of {of}: {', '.join(said[True])}; not {', '.join(said[False])}"
+    )
 
 
 def ranked(draws: Sequence[Row], name: str) -> float | None:
@@ -111,5 +123,5 @@ def of_return(draws: Sequence[Row]) -> str:
         return "not run"
     names = [ALL, "rpil keep", "RPIL() weights", FOUR, EIGHT, "Counter-BC", ORACLE]
     means = {name: np.mean([d["columns"][name]["policy"] * d["whole"] / 100 for d in draws]) for name in names}
-    said = ", ".join(f"{name} {mean:.1f}" for name, mean in means.items())
-    return f"{'met' if means['rpil keep'] >= RETURN else 'missed'} by rpil keep: {said}"
+    said = ", ".join(f"{short(name)} {mean:.1f}" for name, mean in means.items())
+    return f"{'met' if means['rpil keep'] >= RETURN else 'missed'} by keep: {said}"

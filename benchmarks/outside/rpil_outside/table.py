@@ -152,14 +152,17 @@ def of_world(draws: Sequence[Row]) -> str:
 
 
 def across(draws: Sequence[Row], brief: bool = False) -> str:
-    """Tables over all worlds: how far each column is from all, and the goals; without `brief` AUROC and figures of
-    others besides."""
+    """Tables over all worlds: how far each column is from all, AUROC, figures of others, and the goals; with `brief`
+    one line for each column, and the goals."""
     worlds = {name: [draw for draw in draws if draw["world"] == name] for name in sorted({d["world"] for d in draws})}
     found: dict[str, dict[str, Summary]] = defaultdict(dict)
     for name, (world, own) in product(COLUMNS, worlds.items()):
         has = [draw for draw in own if name in draw["columns"]]
         if (summary := summarised(has, name)) is not None:
             found[name][world] = summary
+    aims = "Goals.", plain(GOALS, goals(worlds))
+    if brief:
+        return "\n\n".join([run_of(worlds), plain(IN_SHORT, [in_short(draws, *each) for each in found.items()]), *aims])
     moved, ranked = [], []
     for name, own in found.items():
         less = [
@@ -171,17 +174,38 @@ def across(draws: Sequence[Row], brief: bool = False) -> str:
     finest = [number(each.detectable, ".0f") for each in in_all(found[ORACLE], worlds)]
     moved.append([f"± of a cell, {ORACLE}", "", *finest, ""])
     header = ["column", "worst", *worlds, f"+{WORTH:.0f} where {ORACLE} has it"]
-    moved.append(["cells x seeds", "", *(about(own)[1] for own in worlds.values()), ""])
     ends = [{world: each.policy for world, each in found[name].items()} for name in (ALL, ORACLE)]
     beside = [[*about(own), *(number(end.get(world), ".1f") for end in ends)] for world, own in worlds.items()]
     tables = {
         "Worst cell/mean of cells, in points less all; last, cells that gain where the truth does.": (header, moved),
         "AUROC, mean of cells.": (["column", *worlds], ranked),
         "Published, and here.": (BESIDE, beside),
-        "Goals.": (GOALS, goals(worlds)),
     }
-    shown = [(text, plain(*rows)) for text, rows in tables.items() if not brief or rows[0] in (header, GOALS)]
-    return "\n\n".join(part for pair in shown for part in pair)
+    return "\n\n".join([part for text, rows in tables.items() for part in (text, plain(*rows))] + [*aims])
+
+
+IN_SHORT = "column", "worst cell, less all", "±", "in", "mean", f"+{WORTH:.0f} where {ORACLE} has it", "AUROC"
+
+
+def run_of(worlds: Mapping[str, Sequence[Row]]) -> str:
+    """Say how much of each world was run."""
+    return f"Cells x seeds: {', '.join(f'{world} {about(own)[1]}' for world, own in worlds.items())}."
+
+
+def in_short(draws: Sequence[Row], name: str, own: Mapping[str, Summary]) -> list[str]:
+    """The worst cell of a column in all worlds, the mean of its worlds, and where it gains."""
+    driven = {world: each for world, each in own.items() if each.worst is not None}
+    world = min(driven, key=lambda world: driven[world].worst or 0.0, default="–")
+    lowest = driven.get(world, NOTHING)
+    return [
+        name,
+        number(lowest.worst, "+.1f"),
+        number(lowest.detectable, ".1f"),
+        world,
+        number(mean(each.gain for each in driven.values() if each.gain is not None), "+.1f"),
+        of_worth(draws, name),
+        number(mean(each.auroc for each in own.values() if each.auroc is not None), ".2f"),
+    ]
 
 
 NOTHING = Summary(None, "", None, None, None, None, None, None, None)
@@ -192,7 +216,7 @@ BESIDE = "world", "cells x seeds", "published", f"here: {ALL}", f"here: {ORACLE}
 def about(draws: Sequence[Row]) -> list[str]:
     """The world of these draws, how much of it was run, and the figures of others."""
     cells, seeds = (len({draw[key] for draw in draws}) for key in ("cell", "seed"))
-    return [draws[0]["world"], f"{cells} x {seeds}", draws[0]["published"]]
+    return [draws[0]["world"], f"{cells}x{seeds}", draws[0]["published"]]
 
 
 def whole(value: float | None) -> str:
