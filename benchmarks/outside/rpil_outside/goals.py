@@ -43,27 +43,21 @@ def short(name: str) -> str:
     return name.removeprefix("rpil ")
 
 
-def first(found: Sequence[Any]) -> Any:
-    return found[0]
-
-
 def of_worst(worlds: Mapping[str, Sequence[Row]]) -> str:
-    found = []
+    """Deeds by their worst cells: those below the goal, those that meet it, and those whose interval is too wide."""
+    lost, fine, unsure = [], [], []
     for name in OURS:
-        cells = []
+        worst, wide, where = 0.0, 0.0, ""
         for world, own in worlds.items():
             less = gains(own, name)
-            cells += [(float(np.mean(each)), half_widths(less, cell)[0], world) for cell, each in less.items()]
-        if cells:
-            found.append((*min(cells, key=first), name))
-    if not found:
-        return "nothing was driven"
-    lost = [
-        f"{short(name)} {worst:+.1f} ({world})" for worst, _, world, name in sorted(found, key=first) if worst < LEAST
-    ]
-    fine = [short(name) for worst, wide, *_, name in found if worst >= LEAST and wide is not None and wide <= WIDEST]
-    unsure = [short(name) for worst, _, *_, name in found if worst >= LEAST and short(name) not in fine]
-    parts = [f"missed: {', '.join(lost)}"] if lost else ["met" if not unsure else "missed"]
+            for cell, each in less.items():
+                if not where or np.mean(each) < worst:
+                    worst, wide, where = float(np.mean(each)), half_widths(less, cell)[0], world
+        if where and worst < LEAST:
+            lost.append((worst, f"{short(name)} {worst:+.1f} ({where})"))
+        elif where:
+            (fine if wide is not None and wide <= WIDEST else unsure).append(short(name))
+    parts = [f"missed: {', '.join(text for _, text in sorted(lost))}"] if lost else ["missed" if unsure else "met"]
     parts += [f"as asked: {', '.join(fine)}"] if fine else []
     return "; ".join(parts + ([f"interval too wide: {', '.join(unsure)}"] if unsure else []))
 
