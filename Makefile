@@ -9,7 +9,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # One process for each core; tests of one file share their fixtures, so that a file stays in one process.
 IN_PARALLEL ?= --numprocesses 2 --dist loadfile --quiet
 
-.PHONY: demo check test lint docs results paper clean
+.PHONY: demo check test lint docs results outside paper clean
 
 $(VENV)/.made: pyproject.toml
 	@echo "Making $(VENV): pip installs rpil and the tools of its tests, which takes about three minutes."
@@ -52,6 +52,15 @@ DATA ?= ../shared/data
 results: $(VENV)/.made
 	$(BIN)/python benchmarks/results.py --data $(DATA) --processes 2
 	$(BIN)/python benchmarks/speed.py --data $(DATA) --json build/figures/speed.json --page docs/speed.md
+
+# docs/outside.md and all its tables from one commit: a night. Worlds whose packages are not installed are left out.
+OUTSIDE = build/outside/$(shell git rev-parse --short=12 HEAD)
+
+outside: $(VENV)/.made
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable benchmarks/outside
+	$(BIN)/python -m rpil_outside night --seeds 3 --json $(OUTSIDE)
+	$(BIN)/python -m rpil_outside table $(OUTSIDE) --brief --page docs/outside.md
+	$(BIN)/python -m rpil_outside table $(OUTSIDE) --page benchmarks/outside/tables.md
 
 # The paper's Tables 1-6 and Figures 1-7: some minutes for each table.
 PAPER ?= build/paper

@@ -130,16 +130,14 @@ def labelled(audits: list[Row], settings: AnswerSettings) -> list[Row]:
 
 def markdown(result: Row) -> str:
     """The section of docs/results.md."""
-    text = (
-        "Words with other values in `rpil.inference.settings` (benchmarks/ablations.py): bad ones and good ones that "
-    )
-    text += "are outliers or of a group apart, and the mean AUROC; where nobody is bad, good ones that are outliers."
+    text = "The columns *recorded* and *paper* have the bad and the good demonstrations that are outliers or of a "
+    text += "group apart, and the mean AUROC. *Half*, where nobody is bad, has the good ones that are outliers."
     families = [
         family for family in FAMILIES if any(row["kind"] == family for row in next(iter(result["rules"].values())))
     ]
     head = ["| variant | " + " | ".join(families) + " |", "|---|" + "---|" * len(families)]
     rules = [f"| {name} | {' | '.join(cells(rows, families))} |" for name, rows in result["rules"].items()]
-    parts = ["## Ablations", "", text, "", *head, *rules, "", f"After {LABELS} random labels, the rest:", ""]
+    parts = ["## Ablations", "", text, "", *head, *rules, "", f"Others after {LABELS} random labels:", ""]
     parts += ["| variant | with a verdict | wrong | AUROC |", "|---|---|---|---|"]
     return "\n".join([*parts, *(told(name, rows) for name, rows in result["answers"].items())])
 

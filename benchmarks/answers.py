@@ -92,7 +92,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def markdown(result: Row) -> str:
     """The section of docs/results.md."""
-    text = "Labels, a pair, outcomes and wrong answers (benchmarks/answers.py)."
+    text = "The table shows the effect of labels, a pair, outcomes and wrong answers (`benchmarks/answers.py`)."
     return f"## Answers\n\n{text}\n\n{table(result['rows'])}"
 
 

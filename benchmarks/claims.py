@@ -166,7 +166,7 @@ def auroc(good: Array, score: Array) -> float:
 
 def markdown(result: Row) -> str:
     """The section of docs/results.md."""
-    explained = "Audits without answers, against the truth: outliers, groups apart, and the first to look at."
+    explained = "Audits without answers beside the truth: outliers, groups apart, and the first to look at."
     return "\n".join(["## Claims without answers", "", explained, "", *report(result["rows"])])
 
 
@@ -195,8 +195,8 @@ def pairs_asked(rows: list[Row]) -> list[str]:
     if not asked:
         return []
     one_each, middle = sum(set(pair) == {0, 1} for pair in asked), sum(-1 in pair for pair in asked)
-    text = f"The question names a good and a bad demonstration in {one_each} of {len(asked)} recorded sets, "
-    return [f"{text}and one of middling quality in {middle}."]
+    text = f"The question names a good and a bad demonstration in {one_each} of {len(asked)} recorded sets. "
+    return [f"{text}In {middle} sets it names one of middling quality."]
 
 
 def counted(title: str, rows: Sequence[Row]) -> list[str]:
@@ -225,9 +225,10 @@ def plain_cells(rows: list[Row]) -> list[str]:
         if few and auroc(good, np.array(row["log_odds"])) >= WELL:
             able += 1
             mute += [row["name"]] if not (said & (good == 0)).any() else []
-    text = f"Plain worlds: nobody is named in {len(mute)} of {able} cells with a right ranking and 2 to 36 % bad"
-    text += f" ({'; '.join(mute)})" * bool(mute)
-    return [f"{text}; {accused} of {n_good} good ones are named; by size, {named} of {total} bad ones."]
+    text = "In plain worlds with a right ranking and 2 to 36 % bad demonstrations, the audit names nobody in "
+    text += f"{len(mute)} of {able} cells" + f" ({'; '.join(mute)})" * bool(mute)
+    text += f". It names {accused} of {n_good} good demonstrations"
+    return [f"{text}, and {named} of {total} bad ones in worlds of several sizes."]
 
 
 def beside_0_3(rows: list[Row]) -> list[str]:
@@ -242,8 +243,8 @@ def beside_0_3(rows: list[Row]) -> list[str]:
         lower += [f"{row['name']} {then:.3f} to {now:.3f}"] if now < then - LEAST else []
     if not n:
         return []
-    text = f"AUROC beside the judge of 0.3, {n} sets: lower by more than {LEAST} in {len(lower)}"
-    return [f"{text}{f' ({chr(59).join(lower)})' * bool(lower)}, higher in {better}."]
+    text = f"Compared with the judge of 0.3, the AUROC on {n} sets is lower by more than {LEAST} in {len(lower)}"
+    return [f"{text}{f' ({chr(59).join(lower)})' * bool(lower)} and higher in {better}."]
 
 
 def changes(rows: list[Row]) -> list[str]:

@@ -7,8 +7,8 @@
 Needs ``pip install 'rpil[torch]'``. Demonstrators follow a rule that no linear policy knows, and some act at random.
 AUROC of good against bad demonstrations; the share of right actions in new states, or R^2 of numbers; the same of one
 network that trusts all demonstrations alike, and of one that is trained on the good ones alone; seconds of a fit on one
-core. Means over seeds. `reweight` runs a training loop as that of ``examples/plot_torch_loop.py``. With ``--large`` it is
-one wider network, and 500 demonstrations of 200 steps, on every core or on a device of torch.
+core. Means over seeds. `reweight` runs a training loop as that of ``examples/plot_torch_loop.py``. With ``--large`` one
+wider network, and 500 demonstrations of 200 steps, on every core or on a device of torch.
 """
 
 from __future__ import annotations
@@ -219,9 +219,7 @@ def naive(world: World) -> list[float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="one world, one seed")
-    parser.add_argument(
-        "--large", action="store_true", help="one wide network, many demonstrations, wall-clock seconds"
-    )
+    parser.add_argument("--large", action="store_true", help="one wide network, many demonstrations, wall time")
     parser.add_argument("--device", default="cpu", help="of torch, with --large")
     options = parser.parse_args()
     print(large(options.device) if options.large else small(options.quick))

@@ -39,9 +39,9 @@ from speed_common import Measured, Skipped, peak_gib, threads
 
 HEAD = """# How fast
 
-Made by `make results` with `python benchmarks/speed.py`, whose functions say what each row measures: edit that, not
-this. All rows are of one commit. Ratios are of one run, in which both sides take turns; `_cpu` are seconds of CPU. A
-figure in bold misses its goal."""
+`make results` writes this page with `python benchmarks/speed.py`; edit the script, not the page. Its functions say what
+each row measures. All rows come from one commit. A ratio comes from one run in which both sides take turns. Rows that
+end in `_cpu` are seconds of CPU. A figure in bold misses its goal."""
 MOST_GIB = 16.0
 MOST_CROSS_FITS = 12.0
 """Times a cross-fit that the fit of recorded data with continuous actions may take."""

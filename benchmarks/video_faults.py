@@ -24,7 +24,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rpil.formats.format import Shot
-from rpil.formats.lerobot.defects import find_defects, find_shots
+from rpil.formats.lerobot.checked_folder import find_defects, find_shots
 from rpil.numerics.types import Array
 
 FPS, SECONDS, SIZE, EPISODES = 20, 8, (96, 128), 10  # of a made set

@@ -2,9 +2,9 @@
 Sessions, and rankings compared
 ===============================
 
-On the second of three days the zero of a joint was set anew. Everybody of that day then differs from the others, and
-nobody is to blame. `audit.plot.sessions()` shows it; judged within each day, the demonstrations that are really bad are
-found. The area under the ROC curve says how well, because here it is known who is good.
+Somebody recalibrated the zero of a joint on the second of three days. All demonstrations of that day differ from the
+others, and nobody is to blame. `audit.plot.sessions()` shows it. Judging within each day finds the demonstrations that
+are really bad. The truth is known here, so the area under the ROC curve says how well.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 A ranking of real people
 ========================
 
-Thirty-two people cooked onion soup in a game, Overcooked. Nobody says who played well. An audit ranks them by how well
-a policy of the others predicts what each of them did; afterwards the ranking is compared with the soups that were
-served.
+Thirty-two people cooked onion soup in a game, Overcooked. Nobody says who played well. An audit ranks each person by
+how well a policy of the others predicts the person's actions. Afterwards we compare the ranking with the number of
+soups.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ with as_file(files("rpil.cli") / "bundled" / "overcooked_cramped_room.npz") as p
 print(demonstrations)
 
 # %%
-# One call judges. The finding says what verdicts there are: here "no outliers", so that all are open, and are ranked.
+# One call judges. The finding here is "no outliers": all are open, and the audit ranks them.
 audit = rpil.audit(demonstrations)
 print(audit)
 

@@ -2,10 +2,10 @@
 Trust around a network of skorch
 ================================
 
-A network is a policy like any other of scikit-learn once `skorch <https://skorch.readthedocs.io>`_ trains it. The judge
-fits copies of it to parts of the demonstrations, so that none is scored by a network that has memorised it. Trust
-reaches a policy as `sample_weight`, which skorch does not have: `Network` adds it in six lines. Here 60 % of the
-demonstrations are random.
+`skorch <https://skorch.readthedocs.io>`_ makes a network a scikit-learn estimator, and so a policy. The judge fits
+copies of it to parts of the demonstrations, so that no network scores a demonstration that it has memorised. A policy
+gets its weights as `sample_weight`, which skorch lacks: `Network` adds it in six lines. Here 60 % of the demonstrations
+are random.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ alike, trusting = ((each.predict(new) == rule(new)).mean() for each in (naive, m
 print(f"right actions: {alike:.3f} trusting all, {trusting:.3f} trusting the trustworthy")
 
 # %%
-# What each demonstration's log-odds are.
+# The log-odds of each demonstration.
 order = model.audit_.ranking()
 plt.figure(figsize=(6, 3))
 plt.bar(range(len(order)), model.audit_.log_odds[order], color=np.where(is_good[order], "tab:green", "tab:red"))

@@ -2,8 +2,8 @@
 A policy from step weights
 ==========================
 
-A point is to be steered to a goal. Half of the demonstrations are driven off course for a while. A policy that learns
-from all of them is driven off course, too. The same learner with the weights by which `RPIL` learns seldom is.
+An expert steers a point to a goal. In half of the demonstrations a gust drives the point off course for a while. A
+policy that learns from all of them goes off course, too. The same learner with the weights of `RPIL` seldom does.
 """
 
 from __future__ import annotations

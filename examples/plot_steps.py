@@ -2,9 +2,10 @@
 Which steps went wrong
 ======================
 
-A demonstration need not be good or bad as a whole. Here some are good but for a stretch in which the hand slipped. An
-audit gives every step a log-ratio: how much better a policy of the others predicts the action than the frequencies of
-the actions do. From these comes the trust in each step, which the report and the page of `rpil review` draw.
+A demonstration need not be good or bad as a whole. Here some are good except for a stretch in which the hand slipped.
+An audit gives every step a log-ratio: how much better a policy of the others predicts the action than the frequencies
+of the actions do. The report and the page of `rpil review` draw the trust in each step, which comes from the
+log-ratios.
 """
 
 from __future__ import annotations

@@ -2,9 +2,9 @@
 Trust around a training loop of one's own
 =========================================
 
-A plain torch loop trusts every demonstration alike. With two functions cut out of it, one that says how likely actions
-are and one that trains for an epoch with weights, `rpil.reweight` runs the same loop, and finds out meanwhile which
-demonstrations to learn from. Here 60 % of them are random.
+A plain torch loop trusts all demonstrations equally. Cut two functions out of it: one returns the log-probability of
+actions, the other trains for one weighted epoch. `rpil.reweight` then runs the same loop, and learns which
+demonstrations to trust. Here 60 % of them are random.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ for was_good in (True, False):
 print(f"right actions: {naive.accuracy():.3f} trusting all, {found.policy.accuracy():.3f} trusting the trustworthy")
 
 # %%
-# What each demonstration's log-odds are.
+# The log-odds of each demonstration.
 order = found.audit.ranking()
 plt.figure(figsize=(6, 3))
 plt.bar(range(len(order)), found.audit.log_odds[order], color=np.where(is_good[order], "tab:green", "tab:red"))

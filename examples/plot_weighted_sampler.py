@@ -2,8 +2,8 @@
 Trust as a sampler
 ==================
 
-Where a training loop takes no weights, trust can decide what it sees: the weights of an audit go into torch's
-`WeightedRandomSampler`, and the loop stays as it is.
+If a training loop takes no weights, give the weights of an audit to torch's `WeightedRandomSampler`. The loop stays as
+it is.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ actions[random_steps] = rng.integers(3, size=random_steps.sum())
 demonstrations = Demonstrations(observations, actions, np.arange(N_DEMONSTRATIONS + 1) * N_STEPS)
 
 # %%
-# Whom to trust, a policy on a few simple features can tell.
+# A policy on a few simple features suffices to find the demonstrations to trust.
 audit = RPIL(features="nystroem").fit(demonstrations).audit_
 trusted = audit.step_weight
 print(f"trusted: {trusted[~random_steps].mean():.2f} of good steps, {trusted[random_steps].mean():.2f} of random ones")
 
 # %%
-# The loop knows nothing of trust. It only meets the steps as often as they are trusted.
+# The loop knows nothing of trust. It draws trusted steps more often.
 x, a = torch.as_tensor(observations, dtype=torch.float32), torch.as_tensor(actions)
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from rpil.inference.answers import Answers
 from rpil.results.answering import rejecting_rules
+from rpil.results.judged import AuditSettings
 from rpil.results.record import Audit, Interval
-from rpil.results.settings import AuditSettings
 from rpil.results.vocabulary import SIDES, Verdict
 
 
@@ -63,7 +63,7 @@ def make_audit(
         "copy_of": np.arange(size),
         "adversary": "uniform",
         "settings": AuditSettings(),
-        "assumptions": ("Those who agree follow one policy.", "Nobody acts at random."),
+        "method": ("Those who agree follow one policy.", "Nobody acts at random."),
     }
     fields |= changes
     for name, label in (labels or {}).items():

@@ -117,14 +117,6 @@ def write_zeros(path: Path, n: int, says: int) -> None:
     _say(path, n, says)
 
 
-def read_operator(path: str) -> None:
-    """Read data with the operator of each step."""
-    from rpil import formats
-    from rpil.formats.columns import ColumnOptions
-
-    formats.read_recording(path, ColumnOptions(operator="operator"))
-
-
 def varint(number: int) -> bytes:
     """A whole number as Thrift writes it."""
     number, found = 2 * number, []

@@ -20,8 +20,6 @@ FPS = 20
 _MADE: dict[tuple[object, ...], Path] = {}
 """Folders that were made, by what was asked for."""
 
-STATISTICS = ("min", "max", "mean", "std", "count", "q10")
-
 
 def statistics(values: Any) -> dict[str, Any]:
     values = np.asarray(values, dtype=float).reshape(len(values), -1)
@@ -201,6 +199,8 @@ def read(root: Path) -> list[dict[str, Any]]:
         table = pq.read_table(root / info["data_path"].format(**names))
         table = table.filter(pa.compute.equal(table["episode_index"], m))
         assert len(table) == row["length"]
+        if is_v3:
+            assert table["index"].to_pylist() == [*range(row["dataset_from_index"], row["dataset_to_index"])]
         assert table["frame_index"].to_pylist() == [*range(len(table))]
         own = {"rows": table}
         for key in keys:

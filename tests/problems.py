@@ -29,28 +29,15 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Toy:
-    """Demonstrations of which all is known.
-
-    Attributes
-    ----------
-    observations : (N, D) array
-    actions : (N,) int array or (N, A) array
-    offsets : (M + 1,) int array
-    space : Discrete or Box
-    is_good : (M,) bool array
-    labels : (M,) int array
-        What the fit may know: 1 expert, -1 adversary, 0 nothing.
-    weights : (D + 1, K) or (D + 1, A) array
-        Of the softmax or linear expert, the constant last.
-    """
+    """Demonstrations of which all is known."""
 
     observations: Array
     actions: Array
     offsets: Array
     space: Space
     is_good: Array
-    labels: Array
-    weights: Array
+    labels: Array  # what the fit may know: 1 expert, -1 adversary, 0 nothing
+    weights: Array  # of the softmax or linear expert, the constant last
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -112,26 +99,27 @@ def make(
     actions = (proba.cumsum(axis=1) < rng.random((offsets[-1], 1))).sum(axis=1)
     for m in range(n_good, n_good + n_bad):
         mine = slice(offsets[m], offsets[m + 1])
-        actions[mine] = _spoil(kind, actions[mine], n_actions, rng)
+        anything = rng.integers(n_actions, size=len(actions[mine]))
+        actions[mine] = _spoil(kind, actions[mine], anything, n_actions - 1 - actions[mine], rng)
     actions[:n_actions] = np.arange(n_actions)  # every action occurs
     is_good = np.arange(n_good + n_bad) < n_good
     return Toy(observations, actions, offsets, Discrete(n_actions), is_good, np.zeros(len(is_good), dtype=int), weights)
 
 
-def _spoil(kind: str, actions: Array, n_actions: int, rng: np.random.Generator) -> Array:
-    n = len(actions)
-    anything = rng.integers(n_actions, size=n)
+def _spoil(kind: str, actions: Array, anything: Array, flipped: Array, rng: np.random.Generator) -> Array:
+    """The actions of a bad demonstration; `anything` are actions at random."""
+    n, rows = len(actions), (slice(None), *[None] * (actions.ndim - 1))
     match kind:
         case "random":
             return anything
         case "flipped":
-            return n_actions - 1 - actions
+            return flipped
         case "shifted":
-            return (actions + 1) % n_actions
+            return (actions + 1) % (flipped + actions + 1)  # of as many classes as there are
         case "noisy":
-            return np.where(rng.permutation(n) < n / 2, anything, actions)
+            return np.where((rng.permutation(n) < n / 2)[rows], anything, actions)
         case "window":
-            return np.where((np.arange(n) + rng.integers(n)) % n < n / 2, anything, actions)
+            return np.where(((np.arange(n) + rng.integers(n)) % n < n / 2)[rows], anything, actions)
         case "none":
             return actions
     raise ValueError(kind)
@@ -165,26 +153,13 @@ def make_continuous(
     box = Box.around(np.concatenate([actions, smooth]) if kind == "smooth" else actions)
     for m in range(n_good, n_good + n_bad):
         mine = slice(offsets[m], offsets[m + 1])
-        actions[mine] = smooth[mine] if kind == "smooth" else _spoil_continuous(kind, actions[mine], box, rng)
+        if kind == "smooth":
+            actions[mine] = smooth[mine]
+            continue
+        anything = rng.uniform(box.low, box.high, size=actions[mine].shape)
+        actions[mine] = _spoil(kind, actions[mine], anything, box.low + box.high - actions[mine], rng)
     is_good = np.arange(n_good + n_bad) < n_good
     return Toy(observations, actions, offsets, box, is_good, np.zeros(len(is_good), dtype=int), weights)
-
-
-def _spoil_continuous(kind: str, actions: Array, box: Box, rng: np.random.Generator) -> Array:
-    n = len(actions)
-    anything = rng.uniform(box.low, box.high, size=actions.shape)
-    match kind:
-        case "random":
-            return anything
-        case "flipped":
-            return box.low + box.high - actions
-        case "noisy":
-            return np.where(rng.permutation(n)[:, None] < n / 2, anything, actions)
-        case "window":
-            return np.where((np.arange(n)[:, None] + rng.integers(n)) % n < n / 2, anything, actions)
-        case "none":
-            return actions
-    raise ValueError(kind)
 
 
 def continuous_zoo(seed: int = 0) -> dict[str, Toy]:
@@ -255,20 +230,6 @@ def fit_data_of(toy: Toy, labels: Any = None) -> FitData:
     """The data of a problem with raw features, with these labels (M,)."""
     data = toy.problem()
     return data if labels is None else replace(data, labels=np.asarray(labels))
-
-
-def two_styles(
-    seed: int, n_first: int = 8, n_second: int = 8, above: float = 0.8, steps: int = 400
-) -> tuple[Demonstrations, Array]:
-    """Demonstrations of good experts with two styles, and which are of the second (M,): it takes action 1 where the
-    second observation is larger than `above`."""
-    rng = np.random.default_rng(seed)
-    observations = rng.normal(size=((n_first + n_second) * steps, 2))
-    offsets = np.arange(0, len(observations) + 1, steps)
-    actions = observations[:, 0] + rng.normal(size=len(observations)) > 0
-    second = np.arange(len(observations)) >= n_first * steps
-    actions |= second & (observations[:, 1] > above)
-    return Demonstrations(observations, actions.astype(int), offsets), second[offsets[:-1]]
 
 
 @contextmanager

@@ -69,10 +69,10 @@ def test_the_action_lists_findings_and_fails(environment, tmp_path):
     assert "| RPIL-108 | 4 |" in (tmp_path / "summary").read_text()
     (run,) = json.loads(Path("rpil.sarif").read_text())["runs"]
     assert [result["ruleId"] for result in run["results"]] == ["RPIL-108"]
-    only = {"data": "my data.parquet", "arguments": "--only 0-3,5-11 --skip-bad", "sarif": "other.sarif"}
+    only = {"data": "my data.parquet", "arguments": "--only 4-11 --skip-bad", "sarif": "other.sarif", "fail-on": ""}
     assert run_action(only, environment) == [0, 0, 0]
-    assert json.loads(Path("other.sarif").read_text())["runs"][0]["results"] == []
-    assert run_action({"data": "my data.parquet", "fail-on": ""}, environment) == [0, 0, 0]
+    assert len(json.loads(Path("other.sarif").read_text())["runs"][0]["results"]) == 1
+    assert "1 of 8 demonstrations" in (tmp_path / "summary").read_text()
     assert run_action({"data": "none.parquet"}, environment) == [0, 2]
 
 

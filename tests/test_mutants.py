@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import os
 import runpy
 import sys
@@ -40,16 +39,6 @@ def test_mutants_of(source, expected):
     assert changes(source) == expected
 
 
-def test_each_mutant_is_another_program_and_the_source_stays():
-    source = "def f(a):\n    if a > 1:\n        return -a\n    return [k for k in a if k][0]\n"
-    found = TOOL["mutants"](source)
-    texts = [text for *_, text in found]
-    assert len(set(texts)) == len(texts) >= 8
-    for line, _, _, text in found:
-        assert ast.dump(ast.parse(text)) != ast.dump(ast.parse(source))
-        assert 2 <= line <= 4
-
-
 def test_equivalent_mutants_exist_and_are_explained():
     every = set()
     for module in {name.partition(": ")[0] for name in TOOL["EQUIVALENT"]}:
@@ -83,9 +72,9 @@ def test_a_module_without_a_file_or_tests_is_refused(module, remedy, monkeypatch
         TOOL["main"]()
 
 
-@pytest.mark.parametrize("module", ["outliers", "tasks"])
-def test_a_mutant_takes_the_place_of_its_module_alone(module, monkeypatch):
+def test_a_mutant_takes_the_place_of_its_module_alone(monkeypatch):
     """The copy in which the tests run holds the changed module, and the library elsewhere."""
+    module, seen = "outliers", []
 
     def run(folder, tests):
         own = TOOL["path_of"](module, Path(folder) / "rpil")
@@ -95,7 +84,6 @@ def test_a_mutant_takes_the_place_of_its_module_alone(module, monkeypatch):
         assert tests == TOOL["tests_of"](module)
         seen.append(own.read_text())
 
-    seen = []
     monkeypatch.setattr(os, "fork", lambda: 0)  # the tests would run in the child
     for name, value in (("run", run), ("waited", lambda child: child)):
         monkeypatch.setitem(TOOL["passes"].__globals__, name, value)

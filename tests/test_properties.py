@@ -1,4 +1,5 @@
-"""Properties of every audit: what changes nothing of the demonstrations changes no word about them.
+"""Properties of every audit: what changes nothing of the demonstrations changes no word about them. Names, files and
+order are those of tests/estimators/test_same_words.py, clusters of tests/scale/test_dask.py.
 
 Sets are drawn by hypothesis: careful people beside careless ones or ones with another rule, in classes or numbers.
 ``RPIL_EXAMPLES=100`` draws more of them for each property than the few of every day.
@@ -47,27 +48,13 @@ def sets(draw, n_bad=st.integers(0, 5)):
     return Drawn((states, actions, ids, good))
 
 
-def words(data: object, **options: object) -> dict[object, str]:
-    audit = rpil.audit(data, **options)
+def words(data: rpil.Demonstrations) -> dict[object, str]:
+    audit = rpil.audit(data)
     return dict(zip(audit.ids, audit.verdicts, strict=True)) | {"finding": audit.finding}
 
 
-def made(states, actions, ids, names=()) -> rpil.Demonstrations:
-    return rpil.Demonstrations.from_groups(states, actions, ids, observation_names=names)
-
-
-@FEW
-@given(sets(), st.integers(0, 1000))
-def test_order_and_names_change_no_word(drawn, seed):
-    states, actions, ids, _ = drawn
-    first = words(made(states, actions, ids))
-    order = np.random.default_rng(seed).permutation(ids.max() + 1)
-    rows = np.concatenate([np.flatnonzero(ids == m) for m in order])
-    other = words(made(states[rows], actions[rows], ids[rows], ["zeta", "alpha", "mid"]))
-    assert other == first
-    renamed = np.array([f"run {m * 7 % 101}" for m in range(ids.max() + 1)])
-    of_names = words(made(states, actions, renamed[ids]))
-    assert {m: of_names[renamed[m]] for m in range(ids.max() + 1)} == {m: first[m] for m in range(ids.max() + 1)}
+def made(states, actions, ids) -> rpil.Demonstrations:
+    return rpil.Demonstrations.from_groups(states, actions, ids)
 
 
 @FEW
@@ -94,38 +81,6 @@ def test_doubling_all_turns_nothing(drawn):
     twice = words(made(np.tile(states, (2, 1)), np.concatenate([actions, actions]), np.concatenate([ids, ids + n])))
     assert twice["finding"] == once["finding"]
     assert {m: twice[m] for m in range(n)} == {m: twice[m + n] for m in range(n)} == {m: once[m] for m in range(n)}
-
-
-@FEW
-@given(drawn=sets())
-def test_files_memory_and_disk_change_no_word(drawn, tmp_path_factory):
-    states, actions, ids, _ = drawn
-    folder = tmp_path_factory.mktemp("set")
-    rpil.write(folder / "all.csv", made(states, actions, ids))
-    rpil.write(folder / "all.parquet", made(states, actions, ids))
-    half = ids.max() // 2
-    (folder / "split").mkdir()
-    for name, part in (("a", ids <= half), ("b", ids > half)):
-        rpil.write(folder / "split" / f"{name}.csv", made(states[part], actions[part], ids[part]))
-    first = words(folder / "all.csv")
-    assert words(folder / "all.parquet") == first
-    assert words(folder / "split") == first
-    assert words(rpil.open(folder / "all.csv", on_disk=True)) == first
-
-
-def test_a_cluster_changes_no_word():
-    distributed = pytest.importorskip("distributed", reason="distributed is not installed: pip install 'rpil[dask]'")
-    with distributed.Client(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as client:
-
-        @settings(FEW, max_examples=max(2, N_EXAMPLES // 4))
-        @given(sets())
-        def same(drawn):
-            states, actions, ids, _ = drawn
-            data = made(states, actions, ids)
-            here, there = (rpil.RPIL(engine=each).fit(data).audit_ for each in (None, rpil.DaskEngine(client)))
-            assert (there.finding, there.verdicts) == (here.finding, here.verdicts)
-
-        same()
 
 
 @FEW

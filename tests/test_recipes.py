@@ -94,7 +94,7 @@ import numpy as np
 
 from rpil import Demonstrations
 from rpil.data.files import replacing
-from rpil.formats.format import Format, keep_one_file
+from rpil.formats.format import Format
 from rpil.formats.recording import from_demonstrations
 
 
@@ -108,7 +108,6 @@ def keep(path, output, ids, options):
     lines = path.read_text().splitlines()
     owners = [str(json.loads(line)["episode"]) for line in lines]
     output.write_text("".join(f"{line}\\n" for line, owner in zip(lines, owners) if owner in ids))
-    return ids & {*owners}
 
 
 def write(path, demonstrations, truth):
@@ -125,7 +124,7 @@ FORMAT = Format(
     name="JSON lines",
     claims=lambda path: path.is_file() and path.suffix == ".jsonl",
     read=read,
-    keep=keep_one_file(keep),
+    keep=keep,
     suffixes=(".jsonl",),
     write=write,
 )

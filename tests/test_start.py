@@ -7,31 +7,36 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 TOOL = runpy.run_path(str(Path(__file__).parents[1] / "tools" / "path_of_audit.py"))
 
 CODE = """
-import atexit, sys
+import sys
 from rpil.cli.entry import main
-atexit.register(lambda: print("modules:", *sys.modules))
-main()
+for command in ("info", "check", "audit"):
+    sys.argv = ["rpil", command, "drive.csv"]
+    try:
+        main()
+    except SystemExit as end:
+        assert not end.code
+    print("modules:", *sys.modules)
 """
 ABSENT = {"sklearn", "scipy.optimize", "scipy.stats", "pandas", "matplotlib", "jinja2", "jaxtyping"}
-
-
 NO_MODEL = {"scipy", "threadpoolctl", "rpil.estimators"}
 
 
-@pytest.mark.parametrize(("command", "also_absent"), [("audit", set()), ("info", NO_MODEL), ("check", NO_MODEL)])
-def test_libraries_that_take_long_are_not_imported(command, also_absent, tmp_path):
-    path = tmp_path / "drive.csv"
-    TOOL["write_demonstrations"](path)
-    words = [sys.executable, "-c", CODE, command, str(path)]
-    run = subprocess.run(words, check=True, capture_output=True, text=True)
-    imported = set(run.stdout.rpartition("modules:")[2].split())
-    assert {"numpy", "pyarrow", "rpil.formats"} <= imported
-    assert imported & (ABSENT | also_absent) == set()
+def run(code, folder):
+    """What a process prints that begins with these demonstrations."""
+    TOOL["write_demonstrations"](folder / "drive.csv")
+    done = subprocess.run([sys.executable, "-c", code], cwd=folder, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_libraries_that_take_long_are_not_imported(tmp_path):
+    imported = [set(line.split()) for line in run(CODE, tmp_path).splitlines() if line.startswith("modules:")]
+    for names, absent in zip(imported, (ABSENT | NO_MODEL, ABSENT | NO_MODEL, ABSENT), strict=True):
+        assert {"numpy", "pyarrow", "rpil.formats"} <= names
+        assert names & absent == set()
 
 
 WITHOUT = """
@@ -42,7 +47,7 @@ import rpil
 from rpil.cli.main import main
 rpil.Demonstrations
 assert "pyarrow" not in sys.modules
-path = sys.argv[1]
+path = "drive.csv"
 print(rpil.check(path).headline)
 rpil.write("copy.npz", rpil.read(path))
 rpil.open(path).keep(rpil.open(path).ids[:5], "kept.csv")
@@ -52,10 +57,5 @@ for form in ("sarif", "markdown", "json", "text"):
 
 
 def test_check_needs_numpy_pyarrow_click_and_rich_alone(tmp_path):
-    path = tmp_path / "drive.csv"
-    TOOL["write_demonstrations"](path)
-    words = [sys.executable, "-c", WITHOUT, str(path)]
-    run = subprocess.run(words, cwd=tmp_path, check=False, capture_output=True, text=True)
-    assert run.returncode == 0, run.stderr
-    assert "recording fault" in run.stdout
+    assert "recording fault" in run(WITHOUT, tmp_path)
     assert {"copy.npz", "kept.csv"} <= {each.name for each in tmp_path.iterdir()}

@@ -20,12 +20,11 @@ def test_the_surface_is_the_one_that_is_written_down():
     assert (gone, new) == ([], []), "is it meant? python tools/public_surface.py --write"
 
 
-def test_defaults_count_and_their_values_do_not():
+def test_defaults_count_and_their_values_do_not_and_keys_are_paths():
+    """Those of the data are left out."""
+
     def call(data, labels=None, *, seed: int = 0, **columns): ...
 
     assert TOOL["parameters"](call) == "(data, labels=..., *, seed=..., **columns)"
-
-
-def test_keys_are_paths_and_those_of_the_data_are_left_out():
     value = {"a": {"b": [{"c": 1}]}, "counts": {"jump": 3}, "d": ["x"]}
     assert list(TOOL["keys"](value)) == ["a", "a.b", "a.b[].c", "counts", "d"]

@@ -12,6 +12,7 @@ import contextlib
 import hashlib
 import json
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -37,7 +38,8 @@ OF_ONE_RUN = {"provenance", "run", "command", "path"}
 def served() -> Iterator[str]:
     """The address of the page, while `rpil review` serves it."""
     with tempfile.TemporaryDirectory() as folder:
-        subprocess.run([sys.executable, DOCS / "tutorials" / "make_episodes.py"], cwd=folder, check=True)
+        with contextlib.chdir(folder):
+            runpy.run_path(str(DOCS / "tutorials" / "make_episodes.py"))["main"]()
         serve = [sys.executable, "-u", "-c", COMMAND, "review", "reach", "--no-browser"]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
         with subprocess.Popen(serve, cwd=folder, text=True, **pipes) as server:

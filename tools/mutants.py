@@ -4,7 +4,7 @@ tests see.
 Usage
 -----
 ``python tools/mutants.py`` makes 40 random mutants of each module of `ROOMS`, runs its tests on each, and prints the
-survivors, by line, and the share that was killed. ``--modules outliers,data/cells`` names others, with their room where
+survivors, by line, and the share that was killed. ``--modules outliers,data/text`` names others, with their room where
 they are not in `ROOMS`; ``--tests cli/test_keep_rules.py`` more tests of each; ``--sample N`` (0 for all),
 ``--seed S``, ``--jobs J``. The exit code is 1 where fewer than `GOAL` are killed.
 

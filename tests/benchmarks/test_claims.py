@@ -13,17 +13,13 @@ from worlds.recorded import CHANGES
 from worlds.simulated import PAPER, of_paper
 
 
-def draw(env, kind, seed):
-    """The bad and the good outliers of one draw of a cell of the paper."""
-    row = audited(Job("paper", f"{env} {kind} {seed}", lambda: of_paper(env, kind, seed)))
-    good, outlier = np.array(row["good"]), np.array(row["verdicts"]) < 0
-    return int((outlier & (good == 0)).sum()), int((outlier & (good == 1)).sum())
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("env", "kind"), [cell for cell in PAPER if cell[0] != "LunarLander-v3"])
+@pytest.mark.parametrize(("env", "kind"), [cell for cell in PAPER if cell[0] == "Acrobot-v1"])
 def test_the_bad_ones_of_the_papers_cells_are_outliers_and_no_other_is(env, kind):
-    assert draw(env, kind, 0) == (10, 0)
+    """Those of Mountain Car are in the quick run of tests/benchmarks/test_scripts.py."""
+    row = audited(Job("paper", f"{env} {kind} 0", lambda: of_paper(env, kind, 0)))
+    assert row["verdicts"] == [0 if good else -1 for good in row["good"]]
+    assert len(row["good"]) == 20
 
 
 def told(kind, name, good, verdicts, apart=None, **more):
@@ -47,10 +43,8 @@ def test_words_are_counted_by_kind():
     assert "| seed 1 | 1 | 1 | 1 |" in lines
     assert "| all twice | 1 | 1 | 0 |" in lines
     assert "| recorded | 2 | 1, 1 | 2, 1 | 100% | 43% | 1 |" in lines
-    assert (
-        "The question names a good and a bad demonstration in 2 of 2 recorded sets, and one of middling quality in 0."
-        in lines
-    )
+    asked = "The question names a good and a bad demonstration in 2 of 2 recorded sets. "
+    assert f"{asked}In 0 sets it names one of middling quality." in lines
     assert "- wrong: AUROC 1.00, outliers, 1 outliers, 1 of them good." in lines
 
 
@@ -63,8 +57,8 @@ def test_cells_of_plain_worlds_in_which_nobody_is_named_are_counted():
         told("plain", "d", good, [0] * 10, log_odds=[0.0] * 10),
     ]
     assert plain_cells(rows) == [
-        "Plain worlds: nobody is named in 1 of 2 cells with a right ranking and 2 to 36 % bad (b); "
-        "8 of 32 good ones are named; by size, 1 of 2 bad ones."
+        "In plain worlds with a right ranking and 2 to 36 % bad demonstrations, the audit names nobody in 1 of 2 cells "
+        "(b). It names 8 of 32 good demonstrations, and 1 of 2 bad ones in worlds of several sizes."
     ]
 
 
@@ -74,6 +68,6 @@ def test_the_ranking_is_compared_with_that_of_0_3(monkeypatch):
     assert names <= {*before}
     assert len(before["plain: share 0.2, reach"]) == 100
     monkeypatch.setattr(claims, "judge_of_0_3", lambda: {"recorded: a": np.array([2.0, 1.0, 0.0])})
-    for log_odds, text in (([2, 1, 0], "lower by more than 0.01 in 0, higher in 0."), ([0, 2, 1], "in 1 (a 1.000 to")):
+    for log_odds, text in (([2, 1, 0], "by more than 0.01 in 0 and higher in 0."), ([0, 2, 1], "in 1 (a 1.000 to")):
         assert text in beside_0_3([told("recorded", "a", [1, 1, 0], [0, 0, 0], log_odds=log_odds)])[0]
     assert beside_0_3([told("recorded", "b", [1, 0], [0, 0])]) == []

@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 
 import rpil
-from rpil_outside import submitted
-from rpil_outside.__main__ import main
+from rpil_outside import running, submitted
+from rpil_outside.__main__ import BEGIN, END, TELLING, main
 from rpil_outside.columns import COLUMNS, Deed, auroc, best
+from rpil_outside.goals import goals, of_ranking
 from rpil_outside.ours import Case
 from rpil_outside.peers import ALL, PEERS, NotMadeForIt, common
 from rpil_outside.peers.common import design, policy, targets
-from rpil_outside.table import of_worth, read, summarised, whole
+from rpil_outside.table import of_worth, page, read, summarised, whole
+from rpil_outside.worlds import WORLDS
 
 BLIND = {ALL, "random 60 %"}
 """Columns that rank nothing."""
@@ -89,12 +91,11 @@ def test_a_bad_demonstration_ranks_below_the_median(name):
     made = Tiny().make("one bad", 1, True)
     case = Case(made, 1)
     answers = case.random_answers(8) | {str(m): bool(made.good[m]) for m in np.flatnonzero(~made.good)}
-    score = PEERS[name].score(made, answers if hasattr(PEERS[name], "N_ANSWERS") else {}, 1)
+    given = answers if hasattr(PEERS[name], "N_ANSWERS") else {}
+    score, again = (PEERS[name].score(made, given, 1) for _ in range(2))
     assert score.shape == (14,)
     assert score[~made.good][0] < np.median(score)
-    np.testing.assert_array_equal(
-        score, PEERS[name].score(made, answers if hasattr(PEERS[name], "N_ANSWERS") else {}, 1)
-    )
+    np.testing.assert_array_equal(score, again)
 
 
 def test_influence_is_what_a_little_more_weight_does_to_the_loss():
@@ -176,6 +177,60 @@ def test_a_second_run_adds_only_what_is_missing(tmp_path):
         main([name for name in arguments if name != "--quick"] + FEW, {"tiny": third})
 
 
+def test_a_folder_of_figures_has_one_commit(tmp_path, monkeypatch, out):
+    arguments = ["run", "tiny", "--seeds", "1", "--json", str(tmp_path), "--quick", "--columns", ALL]
+    main(arguments, {"tiny": Tiny()})
+    monkeypatch.setattr(running, "commit", lambda: "0123456789ab")
+    with pytest.raises(SystemExit, match="not of 0123456789ab; give another folder"):
+        main([*arguments, "oracle"], {"tiny": Tiny()})
+    first, second = read(out)
+    with pytest.raises(SystemExit, match="run them on one"):
+        page([first, second | {"commit": "0123456789ab"}])
+
+
+def test_a_night_runs_a_seed_of_all_worlds_before_the_next(tmp_path, monkeypatch, capsys):
+    order, lacking = [], Tiny()
+    lacking.needs = ("no_such_package",)
+    monkeypatch.setattr("rpil_outside.__main__.run", lambda world, cells, seeds, *_: order.append((cells, *seeds)))
+    worlds = {"tiny": Tiny(), "lacking": lacking, "other": Tiny()}
+    assert main(["night", "--seeds", "2", "--json", str(tmp_path)], worlds) == 0
+    assert order == [(["one bad", "three bad"], seed) for seed in (0, 0, 1, 1)]
+    assert capsys.readouterr().err == "tiny is left out: it needs no_such_package.\n"
+
+
+def test_a_night_has_cells_of_each_world():
+    assert set(TELLING) == set(WORLDS)
+    assert all(set(cells) <= set(WORLDS[name].cells) for name, cells in TELLING.items())
+
+
+def test_the_table_is_written_between_the_marks_of_a_page(out, tmp_path, capsys):
+    path = tmp_path / "page.md"
+    path.write_text(f"# Title\n\n{BEGIN}\nold\n{END}\n\nNotes.\n")
+    for _ in range(2):
+        assert main(["table", str(out), "--brief", "--page", str(path)], {}) == 0
+    main(["table", str(out), "--brief"], {})
+    assert path.read_text() == f"# Title\n\n{BEGIN}\n\n{capsys.readouterr().out}\n{END}\n\nNotes.\n"
+    path.write_text("# Title\n")
+    with pytest.raises(SystemExit, match="write them where the tables belong"):
+        main(["table", str(out), "--page", str(path)], {})
+
+
+def test_goals_are_named_with_what_missed_them():
+    def draw(cell, seed, kept, asked):
+        policies = {ALL: 50.0, "oracle": 65.0, "rpil keep": kept, "rpil 4 asked": asked}
+        aurocs = {"rpil 8 asked": 0.7, "SAL": 0.8 if seed else 0.66, "oracle": 1.0}
+        rows = {name: {"policy": policies.get(name), "auroc": aurocs.get(name)} for name in [*policies, *aurocs]}
+        return {"world": "w", "cell": cell, "seed": seed, "columns": rows}
+
+    draws = [draw("a", 0, 50, 61), draw("a", 1, 50, 63), draw("b", 0, 50, 44), draw("b", 1, 50, 44)]
+    found = [here for _, here in goals({"w": draws})]
+    assert found[0] == "missed: 4 asked -6.0 (w); as asked: keep"
+    assert found[1] == "met: 1 of 2; 0 by 4 random, 0 by 8 asked, 0 by 8 random"
+    assert found[2] == "missed, 1 of 1: w 0.70 (SAL 0.73); not "  # within the noise of the first
+    assert found[3] == "not run"
+    assert of_ranking({"w": [draws[1]]}) == "missed, 0 of 1: ; not w 0.70 (SAL 0.80)"
+
+
 def test_the_table_leads_with_the_worst_cell(out, capsys):
     assert main(["table", str(out)], {"tiny": Tiny()}) == 0
     text = capsys.readouterr().out
@@ -188,7 +243,17 @@ def test_the_table_leads_with_the_worst_cell(out, capsys):
     found = summarised(draws, "PSD")
     assert f"| PSD | {whole(found.worst)} | {whole(found.worst)}/{whole(found.gain)} |" in head
     assert main(["table", str(out), "--brief"], {"tiny": Tiny()}) == 0
-    assert capsys.readouterr().out.strip() == head.strip()
+    brief = capsys.readouterr().out
+    assert brief.split("Goals.")[1].strip() == head.split("Goals.")[1].strip()
+    assert f"| PSD | {found.worst:+.1f} | – | tiny | {found.gain:+.1f} |" in brief
+    assert "AUROC, mean" in head
+    assert "AUROC, mean" not in brief
+
+
+def test_a_draw_that_is_not_finished_is_left_out(out):
+    first, second = read(out)
+    half = second | {"columns": {ALL: second["columns"][ALL]}}
+    assert page([first, half]) == page([first])
 
 
 def test_a_world_that_lacks_a_package_says_so(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 
 import numpy as np
@@ -9,32 +10,33 @@ import pytest
 from scipy import stats
 from scipy.special import logit
 
+import paper
 from rpil import BehavioralCloning, Demonstrations, rollout, simulate
 from rpil.simulation.experts import expert
-from study import experiments
+from study import experiments, figures
 from study.experiments import EXPERIMENTS, METHODS, ORACLE, OURS, RAW_ORACLE, RECIPE
-from study.figures import draw
 from study.recipe import PaperRecipe
-from study.tables import run, wrong
+from study.tables import wrong
 
 pytestmark = pytest.mark.slow
 CAR = "MountainCar-v0"
-SMALL = {"draws": 2, "rollouts": 3, "seed": 4, "environments": [CAR]}
+SMALL = ["--env", CAR, "--draws", "2", "--rollouts", "3", "--seed", "4", "--processes", "1"]
 
 
-def data(env_id=CAR, kind="corrupted", seed=0):
-    made = simulate(env_id, kind, n_good=10, n_bad=10, seed=seed)
-    return Demonstrations.from_episodes(made.episodes), made.is_good == 1
+@pytest.fixture(autouse=True, scope="module")
+def fast():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(experiments, "OUR_FEATURES", "folded")  # "auto" takes five times as long
+        patch.setattr(figures, "EPISODES", 3)
+        patch.setattr(figures, "_GRID", 24)
+        yield
 
 
 @pytest.fixture(scope="module")
-def found():
-    calls = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(experiments, "OUR_FEATURES", "folded")  # "auto" takes five times as long
-        made = run(**SMALL, progress=lambda done, n: calls.append((done, n)))
-    assert calls == [(0, 2), (1, 2), (2, 2)]
-    return made
+def found(tmp_path_factory):
+    path = tmp_path_factory.mktemp("paper") / "paper.json"
+    assert paper.main([*SMALL, "--json", str(path)]) == 0
+    return json.loads(path.read_text())
 
 
 def test_the_experiments_are_the_papers():
@@ -46,7 +48,11 @@ def test_the_experiments_are_the_papers():
 
 
 def test_table_is_the_statistics_of_its_draws(found):
+    assert [table["table"] for table in found["tables"]] == [1, 2]
+    assert found["provenance"]["seeds"] == "4 to 5"
+    assert found["provenance"]["arguments"] == {"env": [CAR], "draws": 2, "rollouts": 3, "seed": 4}
     for table in found["tables"]:
+        assert table["policies"][OURS]["wrong"] == 0
         rows = [row for row in found["draws"] if row["table"] == table["table"]]
         assert [row["seed"] for row in rows] == table["seeds"] == [4, 5]
         assert set(table["policies"]) == {*METHODS, "expert", ORACLE, RAW_ORACLE}
@@ -68,17 +74,12 @@ def test_returns_are_those_of_the_rollouts(found):
     assert first["paper_way"]["half_width"] == pytest.approx(stats.t.ppf(0.975, 2) * stats.sem(played))
 
 
-def test_probability_of_one_half_is_wrong():
-    assert wrong([0.9, 0.5, 0.1, 0.5, 0.6], np.array([1, 1, 0, 0, 0])) == 3
-
-
-# --- the recipe -----------------------------------------------------------------------------------------------------
-
-
 def test_recipe_is_a_fixed_point_of_the_papers_equations():
-    demonstrations, good = data()
+    assert wrong([0.9, 0.5, 0.1, 0.5, 0.6], np.array([1, 1, 0, 0, 0])) == 3  # one half is wrong
+    made = simulate(CAR, "corrupted", n_good=10, n_bad=10, seed=0)
+    demonstrations = Demonstrations.from_episodes(made.episodes)
     model = PaperRecipe(0.2).fit(demonstrations)
-    assert wrong(model.expert_proba_, good) == 0
+    assert wrong(model.expert_proba_, made.is_good == 1) == 0
     # M-step: nothing but a weighted fit of the expert's term
     weight = np.repeat(model.expert_proba_, demonstrations.lengths)
     fit = BehavioralCloning("raw", C=1e6).fit(demonstrations, sample_weight=weight)
@@ -90,11 +91,8 @@ def test_recipe_is_a_fixed_point_of_the_papers_equations():
     np.testing.assert_allclose(model.log_odds_, log_odds, rtol=1e-6)
 
 
-# --- the figures ----------------------------------------------------------------------------------------------------
-
-
 def test_figures(tmp_path):
-    paths = draw(tmp_path / "figures", seed=4)
+    paths = figures.draw(tmp_path / "figures", seed=4)
     assert [p.name.split("-")[1] for p in paths] == list("1234567")
     assert sorted(paths) == sorted((tmp_path / "figures").iterdir())
     for path in paths:

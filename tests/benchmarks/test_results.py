@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import platform
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 import results
+from provenance import line, provenance
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 ORIGIN = {
@@ -24,9 +26,6 @@ ORIGIN = {
     "cores": 2,
     "system": "Linux x86_64",
 }
-
-
-# ---- what is run -----------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -93,19 +92,12 @@ def test_a_quick_run_leaves_page_and_figures_alone(made, capsys):
     assert [name for name, _ in made.ran[4:]] == ["claims"]
 
 
-# ---- the paper -------------------------------------------------------------------------------------------------------
-
-
 def policy(mean: float, **more: object) -> dict:
-    return {
-        "mean": mean,
-        "half_width": 2.0,
-        "worst": mean - 9,
-        "paper_way": {"mean": mean + 1, "half_width": 3.0},
-    } | more
+    paper_way = {"mean": mean + 1, "half_width": 3.0}
+    return {"mean": mean, "half_width": 2.0, "worst": mean - 9, "paper_way": paper_way} | more
 
 
-def paper_result() -> dict:
+def test_page_names_a_loss_in_the_paper():
     policies = {
         "expert": policy(265.0),
         "raw trust all": policy(-160.0, printed=-22.24),
@@ -117,11 +109,7 @@ def paper_result() -> dict:
     }
     of = {"table": 3, "env": "LunarLander-v3", "kind": "corrupted", "draws": 20, "seeds": [0, 1], "verdicts": 400}
     how = {"rollouts": 100, "features": "nystroem", "provenance": ORIGIN}
-    return how | {"tables": [of | {"policies": policies}], "draws": []}
-
-
-def test_page_names_a_loss_in_the_paper():
-    page = results.page({"paper": paper_result()}, [])
+    page = results.page({"paper": how | {"tables": [of | {"policies": policies}], "draws": []}}, [])
     assert (
         "Table 3, LunarLander-v3 corrupted: above ours (190.0 ± 2.0): ILEED 191.5 ± 2.0, oracle 191.0 ± 2.0 and the "
         "paper's print of paper's recipe 195.06." in page
@@ -134,14 +122,7 @@ def test_page_names_a_loss_in_the_paper():
     assert ORIGIN["commit"] in page
 
 
-# ---- where figures come from ---
-
-
 def test_provenance_names_the_commit_and_no_machine():
-    import platform
-
-    from provenance import line, provenance
-
     found = provenance("1000 to 1009")
     command = ["git", "-C", str(BENCHMARKS), "rev-parse", "HEAD"]
     head = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()

@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import rpil
 from rpil.data.errors import DataError
 from worlds import recorded
 from worlds.point_mass import point_mass
 from worlds.recorded import npz_files, read, recorded_sets
+from worlds.sequences import KINDS
 
 
 def save(folder: Path, name: str = "some", leave_out: tuple[str, ...] = (), **other) -> Path:
@@ -75,5 +77,16 @@ def test_worlds_of_a_point_mass(discrete):
     assert (bad.is_good == 0).sum() == 3
     np.testing.assert_array_equal(bad.demonstrations.actions, again.demonstrations.actions)
     assert bad.demonstrations.is_discrete == discrete
-    assert point_mass("sessions", discrete, (20, 3), 0).is_good.all()
-    assert point_mass("people", discrete, (20, 3), 0).is_good.all()
+    assert all(point_mass(kind, discrete, (20, 3), 0).is_good.all() for kind in ("sessions", "people"))
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_table_holds_the_demonstrations_of_its_true_kind(name):
+    made, clean = KINDS[name](0), KINDS[name](0, clean=True)
+    found = rpil.read(made.rows, **made.options)
+    np.testing.assert_array_equal(found.lengths, made.true.demonstrations.lengths)
+    own = np.sort(found.observations, axis=1)  # in which columns come in another order
+    np.testing.assert_array_equal(own, np.sort(made.true.demonstrations.observations, axis=1))
+    assert found.n_steps == clean.true.demonstrations.n_steps
+    assert clean.true.is_good.all()
+    assert not clean.bad_steps.any()

@@ -1,88 +1,150 @@
-"""rpil audit: the finding, the ranking, JSON, reports, weights, and groups of which one must be labelled."""
+"""What an audit prints: at most 25 lines of 80 columns, whatever the data, and everything with all rows."""
 
 from __future__ import annotations
 
-import hashlib
-import json
+import dataclasses
+import io
 import re
-import shlex
-from pathlib import Path
+import sys
 
+import click
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
+from rich.cells import cell_len
 
-from command_line import ok
-from rpil import formats
+from audits import make_audit
+from rpil.cli.audit import MAX_LINES, MAX_ROWS, MIN_ROWS, next_steps, odd_lines, print_audit
+from rpil.cli.terminal import THEN_RUN
+from rpil.faults.report import FaultReport
+from rpil.faults.rule import Fault
+from rpil.results.answering import question
+from rpil.results.record import Demonstrator, Interval
 
-
-def test_audit_prints_json(folder):
-    result = ok("audit", folder / "good.parquet", "--format", "json")
-    assert result.stderr == ""
-    audit = json.loads(result.stdout, parse_constant=pytest.fail)
-    assert audit["provenance"]["command"] == f"rpil audit {folder / 'good.parquet'} --format json"
-    digest = hashlib.sha256((folder / "good.parquet").read_bytes()).hexdigest()
-    assert [file["sha256"] for file in audit["provenance"]["files"]] == [digest]
-    assert audit["faults"]["findings"] == []
-    assert audit["n_demonstrations"] == 12
-    assert audit["n_steps"] == formats.read(folder / "good.parquet").n_steps
-    assert audit["finding"] == "outliers"
-    assert 0 < audit["prior"]["low"] < audit["prior"]["mean"] < audit["prior"]["high"] < 1
-    assert audit["identifiable"] is True
-    assert len(audit["demonstrations"]) == 12
-    for entry in audit["demonstrations"]:
-        assert entry["verdict"] == ("open" if entry["id"] < 6 else "outlier")
-        assert list(entry["evidence"]) == ["actions", "demonstrator", "label"]
-        assert sum(entry["evidence"].values()) == pytest.approx(entry["log_odds"], abs=1e-9)
-        assert all(0 <= step < entry["n_steps"] for step in entry["worst_steps"])
-
-
-def test_audit_does_not_choose_features(folder, monkeypatch):
-    monkeypatch.setattr("rpil.estimators.final_policy.choose_features", lambda *_: pytest.fail("features were chosen"))
-    found = json.loads(ok("audit", folder / "good.parquet", "--format", "json", "--adversary", "marginal").stdout)
-    assert (found["adversary"], found["finding"]) == ("marginal", "mixture")
-    ok("audit", folder / "good.parquet", "--quiet")
-
-
-def test_audit_writes_a_report_and_weights(folder):
-    Path("labels.csv").write_text("id,label\n" + "".join(f"{m},good\n{11 - m},bad\n" for m in range(3)))
-    told = ["--labels", "labels.csv", "--format", "json", "--report", "r.html", "--weights", "w.parquet"]
-    result = ok("audit", folder / "good.parquet", *told)
-    json.loads(result.stdout)
-    assert result.stderr.splitlines() == ["Weights: w.parquet", "Report: r.html"]
-    assert "good.parquet" in Path("r.html").read_text()
-    weights = pq.read_table("w.parquet").to_pydict()
-    assert list(weights) == ["episode_index", "step_index", "weight", "expert_proba", "log_odds"]
-    demonstrations = formats.read(folder / "good.parquet")
-    assert weights["episode_index"] == np.repeat(demonstrations.ids, demonstrations.lengths).tolist()
-    good = np.array(weights["episode_index"]) < 6
-    weight = np.array(weights["weight"])
-    assert weight[good].min() > 1 > weight[~good].max()
-    assert np.mean(weight) == pytest.approx(1)
+COMMAND = ["rpil", "audit", "a folder with a long name/of some drives.csv", "--id", "driver", "--action", "steering"]
+VERDICTS = ("outlier",) * 12 + ("open",) * 28
+LONG = [f"2026-11-{m:02}_a_very_long_session_of_recordings/operator_anna/episode_{m:04}" for m in range(40)]
+PAIR = {"pair": (0, 39), "columns": np.random.default_rng(0).normal(size=(40, 5))}
+DEVIATIONS = tuple(
+    f"at step {m}: actions.left.joint_{m}.pos is -13.25; others there have -148 to -136" for m in range(40)
+)
+ANSWERED = {"anchor": "answers", "finding": "answered", "labels": {0: -1, 39: 1}, "contradicting": (0, 1, 2)}
+PEOPLE = tuple(Demonstrator(f"operator {k}", Interval(0.9, 0.8, 1), tuple(range(4 * k, 4 * k + 4))) for k in range(10))
+DOUBT = (
+    "The answers do not predict each other by any measured fact, so that no other demonstration gets a verdict; check "
+    "some of the answers, or answer about further ones."
+)
+NOTES = ("The two groups: A has 20 demonstrations and B 20; B takes longer, pauses less and has a longer path.",) * 3
+KINDS = {
+    "nobody": make_audit(("open",) * 40, finding="no outliers", **PAIR),
+    "outliers": make_audit(VERDICTS, deviations=DEVIATIONS, fps=20.0, **PAIR),
+    "two groups": make_audit(
+        ("open",) * 40, finding="two groups", competing=(tuple(range(20)), tuple(range(20, 40))), notes=NOTES, **PAIR
+    ),
+    "a group apart": make_audit(
+        ("open",) * 40, finding="a group apart", competing=(tuple(range(8, 40)), tuple(range(8))), notes=NOTES, **PAIR
+    ),
+    "doubt": make_audit(("bad",) + ("open",) * 38 + ("good",), doubts=(DOUBT, DOUBT), **ANSWERED, **PAIR),
+    "labels": make_audit(("bad",) * 10 + ("open",) * 10 + ("good",) * 20, **ANSWERED, **PAIR),
+    "operators": make_audit(VERDICTS, demonstrators=PEOPLE, notes=NOTES, **PAIR),
+    "tasks": make_audit(VERDICTS, within="tasks", method=("They are judged within their tasks. " * 9,), **PAIR),
+    "long ids": make_audit(VERDICTS, ids=LONG, **(PAIR | {"pair": (LONG[0], LONG[39])})),
+    "a damaged policy": make_audit(("open",) * 40, finding="nothing could be learned", **PAIR),
+}
 
 
-def test_answered_question_decides_between_two_groups(folder):
-    file = folder / "shifted.parquet"
-    result = ok("audit", file, "--seed", 2)
-    printed = " ".join(result.stdout.split())
-    assert "Two groups act differently: 6 and 6; without an answer nobody can say which is good." in printed
-    groups = re.findall(r"Group [AB], 6: ([\d, ]+)", result.stdout)
-    assert sorted(sorted(map(int, group.split(", "))) for group in groups) == [[*range(6)], [*range(6, 12)]]
-    first, second = map(int, re.search(r"Which is better: (\d+).*? or (\d+).*?\?", printed).groups())
-    assert (first < 6) != (second < 6)
-    assert "steps): 12 open." in result.stdout
-    assert "\nThe two groups: " in result.stdout
-    assert result.stderr == ""
-    again = result.stdout.partition("Then run: ")[2]
-    assert shlex.split(again) == ["rpil", "audit", str(file), "--seed", "2", "--labels", "labels.csv"]
-    better, worse = sorted((first, second))
-    Path("labels.csv").write_text(f"id,label\n{better},good\n{worse},bad\n")
-    result = ok(*shlex.split(again)[1:], "--format", "json")
-    audit = json.loads(result.stdout)
-    assert audit["identifiable"] is True
-    assert (audit["finding"], audit["anchor"]) == ("answered", "answers")
-    assert result.stderr == ""
-    for entry in audit["demonstrations"]:
-        assert entry["verdict"] in (("good" if entry["id"] < 6 else "bad"), "open")
-    ranking = sorted(audit["demonstrations"], key=lambda entry: entry["rank"])
-    assert sorted(entry["id"] for entry in ranking[:6]) == [*range(6)]
+def faults(ids):
+    sentence = "action_steer leaps by 0.75 for one step at 14.1 s (usual: up to 0.4); the same in 2 more columns"
+    found = tuple(Fault("spike", name, 0, 1, "x", 1.0, 0.5, 1.0, sentence) for name in ids[:9])
+    return FaultReport(found, {}, {}, {}, {}, len(ids), 99)
+
+
+def printed(audit, capsys, all_rows=False):
+    """The lines with everything that the command prints."""
+    head = ["drives.csv: CSV; 40 demonstrations, 4,000 steps.", "Action: steering.", "A note.", "Another note.", ""]
+    closing = ["", *next_steps(audit, "labels.csv", COMMAND)]
+    print_audit(audit, head, faults(audit.ids), closing, all_rows)
+    return capsys.readouterr().out.splitlines()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_audit_is_25_lines_of_80_columns(kind, capsys):
+    audit = KINDS[kind]
+    lines = printed(audit, capsys)
+    assert len(lines) <= MAX_LINES
+    assert all(cell_len(line) <= 80 for line in lines if not line.startswith(THEN_RUN))
+    rows = [line for line in lines if re.match(r"\S+ +(outlier|open|good|bad|\d+) +[-+]\d", line)]
+    assert len(rows) >= 2
+    assert len(rows) <= MAX_ROWS
+    text = "\n".join(lines)
+    assert (question(audit) is None) == ("Which is better" not in text)
+    assert "9 recordings are odd, most of all " in text
+    assert text.encode("ascii")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_with_all_rows_nothing_is_left_out(kind, capsys):
+    audit = KINDS[kind]
+    text = "\n".join(printed(audit, capsys, all_rows=True))
+    assert all(str(name) in text for name in audit.ids)
+    assert all(reason in text for reason in audit.reasons) or len({*audit.reasons}) == 1
+    assert " ".join(audit.notes) in " ".join(text.split())
+
+
+def test_outliers_of_operators_are_counted(capsys):
+    text = "\n".join(printed(KINDS["operators"], capsys))
+    assert "Outliers by operator: operator 0 4 of 4, operator 1 4 of 4, operator 2 4 of 4." in text
+
+
+def test_no_fault_is_a_sentence_and_one_is_one(capsys):
+    assert odd_lines(FaultReport((), {}, {}, {}, {}, 4, 99)) == ["No recording faults found."]
+    one, command = odd_lines(FaultReport(faults(["a"]).findings[:1], {}, {}, {}, {}, 4, 99))[::2]
+    assert one.startswith("1 recording is odd: a: action_steer leaps by")
+    assert command == "  All: rpil check."
+
+
+def test_where_all_have_a_label_the_lowest_are_shown(capsys):
+    audit = make_audit(("bad", "bad", "good"), labels={0: -1, 1: -1, 2: 1}, anchor="answers", finding="answered")
+    lines = printed(audit, capsys)
+    assert lines[0] == "Every demonstration has a label."
+    assert sum(bool(re.match(r"\d +(bad|good) ", line)) for line in lines) == MIN_ROWS
+
+
+def at_terminal(monkeypatch, columns: str) -> io.StringIO:
+    stream = io.StringIO()
+    monkeypatch.setattr(stream, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(sys, "stdout", stream)
+    monkeypatch.setenv("COLUMNS", columns)
+    return stream
+
+
+def test_a_terminal_gets_colours_and_a_pipe_none(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    assert "\x1b" not in "\n".join(printed(KINDS["outliers"], capsys))
+    stream = at_terminal(monkeypatch, "80")
+    print_audit(make_audit())
+    assert "\x1b[31moutlier" in stream.getvalue()
+
+
+@pytest.mark.parametrize("columns", [80, 120])
+@pytest.mark.parametrize("letter", ["x", "\u6f22"])
+def test_no_line_of_the_table_is_wider_than_the_terminal(monkeypatch, columns, letter):
+    stream = at_terminal(monkeypatch, str(columns))
+    ids = [f"a{m}_{letter * 90}_{m}" for m in range(40)]
+    print_audit(dataclasses.replace(KINDS["outliers"], ids=tuple(ids)))
+    lines = click.unstyle(stream.getvalue()).splitlines()
+    rows = [line for line in lines if re.search(r"_\d+ +(outlier|open)", line)]
+    assert len(rows) == 5
+    assert max(map(cell_len, rows)) <= columns
+    assert {re.search(r"_(\d+) ", row)[1] for row in rows} <= {str(m) for m in range(20)}  # the end of an id stays
+
+
+def test_doubts_and_contradicting_labels_are_results(capsys):
+    changes = {"doubts": ("One part says most.",), "contradicting": (3,), "competing": ((0, 1), (2, 3))}
+    print_audit(make_audit(("open",) * 10, finding="two groups", **changes))
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[3] == "Doubt: One part says most."
+    assert lines[-3:] == [
+        "Look again: the labels of 3 contradict the other answers.",
+        "Group A, 2: 0, 1",
+        "Group B, 2: 2, 3",
+    ]

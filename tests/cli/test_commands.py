@@ -1,15 +1,116 @@
-"""Errors of the user end with one sentence, exit code 2 and no other effect."""
+"""The files of ``rpil audit``: a table of verdicts and the demonstrations to keep; nothing joins the data."""
 
 from __future__ import annotations
 
+import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
+import click
 import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
 
-from command_line import G, npz, refused
+from audits import make_audit
+from command_line import G, call, npz, ok, refused
+from recorded import demonstrations
+from rpil import Dataset, formats
+from rpil.cli import commands
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.formats.columns import ColumnOptions
+from rpil.formats.recording import Recording
+from small import SMALL
+
+
+def test_audit_writes_verdicts_and_the_list_to_keep(folder):
+    who = "".join(f"{m},{'abcd'[m // 3]}\n" for m in range(11))
+    Path("who.csv").write_text(f"id,demonstrator\n{who}")
+    files = ["--verdicts", "v.csv", "--keep", "k.json", "--weights", "w.csv", "--report", "r.html"]
+    result = call("audit", folder / "good.parquet", "--format", "json", "--demonstrators", "who.csv", *files)
+    assert result.exit_code == 0
+    *lines, warning = result.stderr.splitlines()
+    assert "w.csv: every step weighs the same, until you call one demonstration good" in warning
+    assert lines == ["Weights: w.csv", "Verdicts: v.csv", "Keep: k.json", "Report: r.html"]
+    assert {row["run"] for row in pa.csv.read_csv("v.csv").to_pylist()} == {json.loads(result.stdout)["run"]}
+    printed = {entry["id"]: entry for entry in json.loads(result.stdout)["demonstrations"]}
+    rows = pa.csv.read_csv("v.csv").to_pylist()
+    assert [row["id"] for row in rows] == [*range(12)]
+    assert [row["demonstrator"] for row in rows] == [*"aaabbbcccdd", ""]
+    for row in rows:
+        for name in ("verdict", "log_odds", "expert_proba", "reliability", "n_steps"):
+            assert row[name] == printed[row["id"]][name]
+        assert row["from_demonstrator"] == printed[row["id"]]["evidence"]["demonstrator"]
+    assert json.loads(Path("k.json").read_text())["episodes"] == [*range(12)]
+    assert json.loads(Path("k.json").read_text())["rejected"] == {}
+
+
+def test_nothing_to_keep_is_said():
+    audit = make_audit(("bad",) * 3, labels=dict.fromkeys(range(3), -1))
+    given = commands.AuditRun(audit, "x", SimpleNamespace(step_columns=None), {})
+    paths = dict.fromkeys(commands.OUTPUTS) | {"keep": "k.json"}
+    with click.Context(click.Command("audit")), pytest.warns(UserWarning, match=r"k\.json: it lists no demonstration"):
+        commands.write_outputs(paths, given, lambda _: None)
+    assert json.loads(Path("k.json").read_text())["episodes"] == []
+
+
+def test_no_home_folder_is_in_what_is_passed_on(folder, tmp_path, monkeypatch):
+    data, work = tmp_path / "ann" / "sets" / "d.parquet", tmp_path / "ann" / "work"
+    data.parent.mkdir(parents=True)
+    work.mkdir()
+    shutil.copy(folder / "good.parquet", data)
+    monkeypatch.setenv("HOME", str(tmp_path / "ann"))
+    monkeypatch.chdir(work)
+    (work / "who.csv").write_text("id,demonstrator\n0,a\n1,a\n2,b\n")
+    files = {"report": "r.html", "keep": "k.json", "verdicts": "v.parquet"}
+    outputs = [word for name, path in files.items() for word in (f"--{name}", str(work / path))]
+    ok("audit", data, "--operator", work / "who.csv", *outputs, "-q")
+    for path in files.values():
+        assert str(tmp_path).encode() not in Path(path).read_bytes(), path
+    made = json.loads(Path("k.json").read_text())["provenance"]
+    assert made["command"].startswith("rpil audit ~/sets/d.parquet --report ~/work/r.html --verdicts ~/work/v.parquet")
+    assert [file["path"] for file in made["files"]] == ["~/sets/d.parquet", "~/work/who.csv"]
+
+
+@pytest.mark.parametrize(("limit", "code"), [("bad", 0), ("outlier:5", 1), ("outlier:6", 0)])
+def test_too_many_that_are_unlike_end_with_code_1_after_all_output(folder, limit, code):
+    result = call("audit", folder / "good.parquet", "--fail-on", limit, "--keep", "k.json", "--format", "json")
+    assert result.exit_code == code
+    assert json.loads(result.stdout)["finding"] == "outliers"
+    assert len(json.loads(Path("k.json").read_text())["episodes"]) == 12
+    said = [line for line in result.stderr.splitlines() if "--fail-on" in line]
+    allowed = int(limit.partition(":")[2] or 0)
+    line = f"rpil: 6 of 12 demonstrations are outliers, and --fail-on {limit} allows {allowed}."
+    assert said == ([line] if code == 1 else [])
+
+
+def test_outputs_do_not_join_the_data(folder):
+    Path("data").mkdir()
+    shutil.copy(folder / "good.parquet", "data/one.parquet")
+    for output in ("data/one.parquet", "data/two.parquet"):
+        refused("it would join the data in .*; write it to another folder", "audit", "data", "--weights", output)
+    ok("audit", "data", "--report", "data/r.html", "--quiet")  # a page is not read as data
+    assert pq.read_table("data/one.parquet").equals(pq.read_table(folder / "good.parquet"))
+
+
+def test_an_audit_reads_the_demonstrations_once(folder, monkeypatch):
+    loads, load = [], Recording.load
+    monkeypatch.setattr(Recording, "load", lambda *given: loads.append(1) or load(*given))
+    ok("audit", folder / "good.parquet", "--quiet")
+    assert len(loads) == 1
+
+
+def test_audit_does_not_choose_features(folder, monkeypatch):
+    monkeypatch.setattr("rpil.estimators.final_policy.choose_features", lambda *_: pytest.fail("features were chosen"))
+    found = json.loads(ok("audit", folder / "good.parquet", "--format", "json", "--adversary", "marginal").stdout)
+    assert (found["adversary"], found["finding"]) == ("marginal", "mixture")
+    ok("audit", folder / "good.parquet", "--quiet")
 
 
 def test_failed_write_keeps_old_files(monkeypatch):
@@ -32,3 +133,27 @@ def test_ids_with_control_characters_are_escaped():
     result = subprocess.run(command, capture_output=True, env=os.environ | {"PYTHONIOENCODING": "ascii"})
     assert result.returncode == 0, result.stderr
     assert b"\x1b" not in result.stdout
+
+
+def command(*arguments):
+    return ok(*arguments, settings=SMALL).stdout
+
+
+def test_a_large_file_is_read_block_by_block(tmp_path):
+    formats.write(tmp_path / "a.parquet", demonstrations())
+
+    def read(stream, memory=None):
+        path = str(tmp_path / "a.parquet")
+        with click.Context(click.Command("audit")):
+            return commands.open_recording(path, ColumnOptions(memory=memory), lambda _: None, stream).demonstrations
+
+    assert isinstance(read(None), Demonstrations)
+    on_disk = read(None, "100kB")
+    assert isinstance(on_disk, Dataset)
+    for into_memory in (lambda: read(False, "100kB"), lambda: on_disk.select(slice(None))):
+        with pytest.raises(DataError, match=r"more than the 0\.1 MB that it may; allow more"):
+            into_memory()
+    for size in ("300kB", "300MB"):
+        command("audit", tmp_path / "a.parquet", "--memory", size, "--weights", tmp_path / f"{size}.parquet")
+    one, other = (pq.read_table(tmp_path / f"{size}.parquet") for size in ("300kB", "300MB"))
+    assert one["log_odds"].equals(other["log_odds"])

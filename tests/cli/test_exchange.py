@@ -167,15 +167,6 @@ def test_sarif_and_markdown_of_an_audit(folder):
     assert text.count("| RPIL-401 |") == sum(one["ruleId"] == "RPIL-401" for one in found) == 6
 
 
-def test_markdown_of_a_check():
-    write_recording("data.parquet", spike)
-    text = ok("check", "data.parquet", "--format", "markdown").stdout
-    assert "1 finding: 1 spike (RPIL-108)." in text
-    assert "\n| RPIL-108 | 4 | " in text
-    write_recording("clean.parquet")
-    assert "|" not in ok("check", "clean.parquet", "--format", "markdown").stdout
-
-
 def test_markdown_shows_text_of_a_file_as_it_is():
     text = markdown("x", "y", [Numbered("RPIL-108", "a|b\n<img> @me [l](http://h)", "*s*")] * 200)
     row = text.splitlines()[8]

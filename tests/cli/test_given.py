@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import rpil
-from command_line import ok, refused
+from command_line import call, ok, refused
 from rpil import formats
 from rpil.estimators.pipeline import FitOptions
 
@@ -82,12 +82,6 @@ def test_several_outcomes_are_witnesses_in_each_task_and_one_that_the_others_tur
     assert known.names == ("grade", "next.success", "retries")
     np.testing.assert_array_equal(known.outcomes[:, 0], [grades[m] if m < 24 else np.nan for m in range(48)])
     np.testing.assert_array_equal(known.outcomes[:, 2], retries[::N_STEPS])
-
-
-def test_small_sessions_are_named():
-    write("s.parquet", 10, {3}, 1)
-    notes = audited("s.parquet", "--session", "day")["notes"]
-    assert any("5 demonstrations are too few to judge them well" in note for note in notes)
 
 
 def test_files_are_sessions(given):
@@ -172,3 +166,28 @@ def test_what_is_not_there_is_named_with_the_option():
         error = refused(said, "audit", data, f"--{option}", said.split("'")[1])
         assert f"correct --{option}" in error
         assert re.search(r"\w=", error) is None, error
+
+
+def test_columns_are_named_with_options(folder):
+    Path("a.csv").write_text(
+        "bout,beat,x,y,who,gear\n" + "".join(f"{k // 9},{k % 9},{k / 2},1,Ann,{k % 2}\n" for k in range(36))
+    )
+    refused("name it episode_index, or name the column with --id", "convert", "a.csv", "-o", "b.csv")
+    refused("name it action, or name the columns with --action", "info", "a.csv", "--id", "bout")
+    options = ["--id", "bout", "--action", "gear", "--exclude", "y", "--order", "beat", "--operator", "who"]
+    said = json.loads(ok("info", "a.csv", *options, "--format", "json").stdout)
+    assert (said["demonstrations"], said["observations"], said["operators"]) == (4, ["x"], ["Ann"])
+    said = json.loads(
+        ok(
+            "info", "a.csv", *options[:4], "--observations", "x,y", "--action-kind", "continuous", "--format", "json"
+        ).stdout
+    )
+    assert (said["observations"], said["action_kind"]) == (["x", "y"], "continuous")
+
+
+def test_a_missing_value_is_described_and_refused(folder):
+    Path("b.csv").write_text("episode,x,action\n0,1,0\n0,,1\n1,2,0\n")
+    result = call("info", "b.csv")
+    assert result.exit_code == 2
+    assert "Missing values:\n  x: 1" in result.stdout
+    assert "demonstration 0, row 2: column 'x' has no value; fill it in, or read with --skip-bad." in result.stderr

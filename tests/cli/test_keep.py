@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 
 import lerobot_folders as folders
 import rpil
-from command_line import call, ok, refused
+from command_line import ok, refused
 from rpil import formats
 
 
@@ -75,15 +75,3 @@ def test_a_list_of_lerobot(tmp_path):
     quiet = ok("keep", robot, "-o", "keep.json", *named, "-q").stdout
     assert quiet.startswith("Kept 1 of 4 demonstrations: keep.json\nRejected: 1 by your labels.")
     refused(r"x\.csv: .* folder", "keep", robot, "-o", "x.csv", "--verdicts", "labels.csv")
-
-
-def test_a_folder_is_checked(tmp_path):
-    root = folders.write(tmp_path / "drive", [20] * 4, cameras=())
-    assert "totals" not in ok("check", root).stdout
-    place = root / "meta" / "info.json"
-    place.write_text(place.read_text().replace('"total_frames": 80', '"total_frames": 7'))
-    assert "total_frames is 7, and the data hold 80" in ok("check", root).stdout
-    found = json.loads(ok("check", root, "--format", "json").stdout)
-    assert [(one["rule"], one["id"]) for one in found["findings"]] == [("totals", "")]
-    assert call("check", root, "--fail-on", "totals").exit_code == 1
-    refused("for folders of LeRobot", "check", root / "data" / "chunk-000" / "file-000.parquet", "--video")

@@ -132,13 +132,6 @@ def test_a_share_is_of_demonstrations_that_have_a_number():
     assert "12 of these are not named in v.csv" in ok(*by).stdout
 
 
-def test_what_is_no_table_of_verdicts_is_named():
-    data = write("d.parquet", FEW)
-    ok("audit", data, *COLUMNS, "--weights", "w.parquet", "-q")
-    by = ["keep", data, *COLUMNS, "-o", "k.parquet", "--verdicts"]
-    refused(r"w\.parquet: it has no columns id and verdict; give the table of rpil audit --verdicts", *by, "w.parquet")
-
-
 def test_the_command_to_run_next_does_not_repeat_the_memory_of_this_one():
     data = write("d.parquet", FEW)
     printed = ok("audit", data, *COLUMNS, "--memory", "70kB", "--verdicts", "v.parquet").stdout

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from asked import N_STEPS, write
 from command_line import refused
 from rpil.cli.label import MAX_QUESTIONS, ask, last_lines
 from rpil.cli.main import main
@@ -31,17 +30,6 @@ def label(keys, *arguments):
 
 def rows():
     return Path("labels.csv").read_text().splitlines()
-
-
-def test_a_run_goes_on_where_the_last_one_ended(data):
-    Path("labels.csv").write_text("note,id,label\nseen,3,BAD\n,0,better than 3\n,1,good\n")
-    out = label("gb", data)  # the end of the input ends it too
-    assert out.startswith("By your answers: ")
-    assert "Which is better" not in out
-    asked = re.findall(r"Is it good or bad: (\d+)", out)
-    assert rows() == ["note,id,label", "seen,3,BAD", ",0,better than 3", ",1,good",
-                      f",{asked[0]},good", f",{asked[1]},bad"]  # fmt: skip
-    assert not {"1", "3"} & set(asked)
 
 
 def test_what_cannot_be_told_or_is_skipped_is_not_written_and_not_asked_again(data):
@@ -73,20 +61,6 @@ def test_an_interruption_leaves_the_answers(data, monkeypatch):
     assert result.exit_code == 130
     assert result.stderr.endswith("rpil: interrupted.\n")
     assert len(rows()) == 3
-
-
-def test_a_named_adversary_learns_from_no_answer(data):
-    words = "keeps nothing to learn from answers; leave out --adversary"
-    refused(words, "label", data, "-q", "--observations", "x,v", "--adversary", "marginal")
-
-
-def test_tasks_are_asked_about_together_and_pairs_between_them_are_left_out():
-    name = write("t.parquet", task=np.repeat(np.where(np.arange(24) < 12, "lift", "turn"), N_STEPS))
-    Path("labels.csv").write_text("id,label\n0,better than 3\n3,better than 20\n")
-    result = CliRunner().invoke(main, ["label", name, "--observations", "x,v"], input="g\nb\n", obj=FAST)
-    assert result.exit_code == 0, result.output
-    assert "labels.csv: 1 pair compares demonstrations of different tasks, and is left out." in result.stderr
-    assert len(rows()) == 5
 
 
 def test_an_answer_that_contradicts_another_is_asked_again(audit, monkeypatch, capsys):

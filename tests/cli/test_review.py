@@ -13,7 +13,7 @@ from urllib.parse import unquote, urlsplit
 import pyarrow.parquet as pq
 import pytest
 
-from asked import BAD, N_STEPS
+from asked import BAD, N_STEPS, write
 from command_line import ok, refused
 from rpil.cli.questions.security import Gate
 from rpil.data.id_values import read_answers
@@ -63,11 +63,12 @@ def test_what_was_answered_outlives_the_server(data):
 @pytest.mark.slow
 def test_a_review_writes_where_no_link_leads(data):
     Path("mine-keep.json").symlink_to("keep.json")
+    write("other.parquet")
     Path("keep.json").write_text("MINE")
     with reviewing(data, "--labels", "mine.csv") as (_, client):
         status, answer = client.post("/api/finish", version=0, write=True)
         assert (status, answer["error"].partition(",")[0]) == (400, "mine-keep.json: it is a link")
-        assert {path.name for path in Path().iterdir()} == {"mine-keep.json", "keep.json"}
+        assert {path.name for path in Path().iterdir()} == {"mine-keep.json", "keep.json", "other.parquet"}
         Path("mine-keep.json").unlink()
         for _ in range(2):  # it replaces its files
             files = client.post("/api/finish", version=0, write=True)[1]["files"]
@@ -78,10 +79,17 @@ def test_a_review_writes_where_no_link_leads(data):
             status, answer = client.post("/api/finish", version=0, write=True)
             assert (status, answer["error"].partition(";")[0]) == (
                 400,
-                f"{name}: it is there, and this run did not write it",
+                f"{name}: it is there, and no review of these data wrote it",
             )
             assert Path(name).read_text() == "MINE"
             Path(name).write_bytes(content)
+    before = Path("mine-keep.json").read_bytes()
+    with reviewing(data, "--labels", "mine.csv") as (_, client):  # on another day it goes on
+        client.answer(0, "b", 3)
+        assert client.post("/api/finish", version=1, write=True)[0] == 200
+        assert Path("mine-keep.json").read_bytes() != before
+    with reviewing("other.parquet", "--labels", "mine.csv") as (_, client):
+        assert client.post("/api/finish", version=0, write=True)[0] == 400, "they are of other data"
     assert Path("keep.json").read_text() == "MINE"
 
 

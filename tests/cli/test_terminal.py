@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import sys
+
 import click
+import pytest
 
 from rpil.cli import terminal
+from rpil.cli.terminal import show_stages
 
 
 def test_a_text_is_cut_after_so_many_lines():
@@ -40,3 +44,15 @@ def test_a_terminal_has_long_lines_in_several_but_for_code(monkeypatch, capsys):
     assert (code, last) == (lines[1], "")
     assert len(first) == 3
     assert all(len(line) <= 60 for line in first)
+
+
+@pytest.mark.parametrize(("quiet", "is_terminal"), [(False, True), (True, True), (False, False)])
+def test_a_terminal_shows_the_stage_and_a_pipe_nothing(capsys, monkeypatch, quiet, is_terminal):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal)
+    for name, value in {"FORCE_COLOR": "1", "TERM": "xterm", "COLUMNS": "80"}.items():
+        monkeypatch.setenv(name, value)
+    with show_stages(quiet) as show:
+        show("reading [b]d.csv")
+    shown = capsys.readouterr().err
+    assert ("reading [b]d.csv" in shown) == (is_terminal and not quiet)
+    assert bool(shown) == (is_terminal and not quiet)

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from rpil.data.fit_data import FitData
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
+from rpil.data.fit_data import Demonstrators, FitData, group_by_demonstrator
 from rpil.data.spaces import Discrete
 
 DATA = FitData(
@@ -29,3 +32,48 @@ def test_steps_without_demonstrations_are_one_demonstration():
     assert data.n_demonstrations == 1
     assert data.lengths.tolist() == [6]
     assert not data.labels.any()
+
+
+GIVEN = Demonstrations(np.ones((3, 1)), [0, 1, 0], [0, 1, 2, 3], ids=["a", "b", "c"], source="x.npz")
+
+
+def test_demonstrators_inform_only_where_two_or_more_gave_two_or_more():
+    for names, reason in (("aaaa", "One demonstrator, 'a', gave all"), ("abcd", "No demonstrator gave two")):
+        assert not Demonstrators.from_names(names).informative
+        assert reason in Demonstrators.from_names(names).note
+    assert Demonstrators.from_names("aab").informative
+    assert not Demonstrators().note
+    assert not Demonstrators.from_names([None] * 4).informative  # unknown demonstrators are not one and the same
+    assert Demonstrators.from_names(["a", None, "a", None]).index.tolist() == [0, 1, 0, 2]
+
+
+def test_demonstrators_of_some_of_the_demonstrations():
+    chosen = Demonstrators.from_names(["a", None, "b", None, "a"]).select(np.array([4, 3, 1, 0]))
+    assert chosen.names == ("a", None, None)
+    assert chosen.index.tolist() == [0, 1, 2, 0]
+    assert not Demonstrators().select(np.array([0])).names
+
+
+def test_demonstrators_are_grouped_by_id_or_in_order():
+    for given in ({"a": "Ann", "c": "Ann", "b": 7}, ["Ann", 7, "Ann"], np.array(["Ann", "7", "Ann"])):
+        groups = group_by_demonstrator(given, GIVEN)
+        assert groups.index.tolist() == [0, 1, 0]
+        assert groups.counts.tolist() == [2, 1]
+        np.testing.assert_array_equal(groups.indicator, [[1, 0, 1], [0, 1, 0]])
+    assert group_by_demonstrator({"a": "Ann", "c": "Ann"}, GIVEN).names == ("Ann", None)
+    assert not group_by_demonstrator(None, GIVEN).informative
+    with pytest.warns(UserWarning, match=r"x\.npz: One demonstrator, 'Ann', gave all"):
+        group_by_demonstrator(["Ann"] * 3, GIVEN)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"d": "Ann"}, "no demonstration is called 'd'"),
+        (["Ann", "\ud800", "Bob"], "demonstration 'b': the demonstrator must be .* characters of Unicode"),
+        (["Ann"], r"shape \(1,\); give one for each of the 3"),
+    ],
+)
+def test_unknown_ids_and_other_counts_are_refused(given, message):
+    with pytest.raises(DataError, match=message):
+        group_by_demonstrator(given, GIVEN)

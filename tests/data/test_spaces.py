@@ -86,7 +86,6 @@ def test_no_uniform_draw_without_bounds():
 
 
 X, OFFSETS = np.zeros((4, 1)), [0, 1, 4]
-WORDS = Demonstrations(X, np.array(["up", "down", "up", "left"]), OFFSETS, ids=["a", "b"])
 MOVES = Demonstrations(X, np.array([[0.0], [2.0], [1.0], [-1.0]]), OFFSETS, ids=["a", "b"])
 
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
 import re
 import runpy
-import subprocess
-import sys
-from collections.abc import Iterable
 from pathlib import Path
 
+import matplotlib
 import pytest
+from matplotlib import pyplot
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LEAST = {"plot_torch_loop.py": 0.88, "plot_weighted_sampler.py": 0.9, "plot_skorch.py": 0.95}
@@ -27,57 +25,39 @@ PRINTED = {
 }
 """Of the examples that the site shows with their results: patterns of what they print."""
 
-RUN = """
-import runpy, sys
-for path in sys.argv[1:]:
-    runpy.run_path(path)
-    print("--- end of an example")
-"""
 
-
-def printed(names: Iterable[str]) -> list[str]:
-    """What these examples print, all in one process of their own."""
-    run = subprocess.run(
-        [sys.executable, "-W", "error", "-c", RUN, *(EXAMPLES / name for name in names)],
-        env=os.environ | {"MPLBACKEND": "agg"},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
-    return run.stdout.split("--- end of an example\n")[:-1]
+@pytest.fixture(autouse=True, scope="module")
+def no_window():
+    backend = matplotlib.get_backend()
+    matplotlib.use("agg")
+    yield
+    pyplot.close("all")
+    matplotlib.use(backend)
 
 
 @pytest.mark.slow
-def test_examples():
-    pytest.importorskip("skorch", reason="torch or skorch is not installed: pip install 'rpil[torch]'")
-    for (name, least), text in zip(LEAST.items(), printed(LEAST), strict=True):
-        assert float(re.findall(r"0\.\d+", text)[-1]) > least, name
+@pytest.mark.parametrize("name", [*LEAST, *PRINTED])
+def test_examples(name, capsys):
+    if name in LEAST:
+        pytest.importorskip("skorch", reason="torch or skorch is not installed: pip install 'rpil[torch]'")
+    runpy.run_path(str(EXAMPLES / name))
+    text = capsys.readouterr().out
+    if name in LEAST:
+        assert float(re.findall(r"0\.\d+", text)[-1]) > LEAST[name]
+    else:
+        assert re.search(PRINTED[name], text, re.DOTALL), text
 
 
-@pytest.mark.slow
-def test_examples_of_the_site():
-    for (name, pattern), text in zip(PRINTED.items(), printed(PRINTED), strict=True):
-        assert re.search(pattern, text, re.DOTALL), (name, text)
-
-
-def test_the_site_runs_these():
+def test_every_example_is_run_and_the_site_runs_these():
     text = (EXAMPLES.parent / "docs" / "conf.py").read_text(encoding="utf-8")
     (names,) = re.findall(r"^RUN = \((.*)\)$", text, re.MULTILINE)
     assert {f"{name}.py" for name in re.findall(r"\w+", names)} == set(PRINTED)
-
-
-def test_every_example_is_run():
     assert {path.name for path in EXAMPLES.glob("*.py")} == {*LEAST, *PRINTED}
 
 
 @pytest.mark.slow
 def test_the_notebook_runs_cell_by_cell(tmp_path, monkeypatch):
     """Without Jupyter; in the place of what pip installs and the network brings there is this checkout."""
-    import matplotlib
-
-    matplotlib.use("agg")
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(EXAMPLES.parent / "tools" / "drives.py"), run_name="__main__")  # drives.csv
     notebook = json.loads((EXAMPLES / "your_own_data.ipynb").read_text(encoding="utf-8"))

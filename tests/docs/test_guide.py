@@ -26,17 +26,14 @@ def pictures():
     matplotlib.use(backend)
 
 
-def plain() -> list[str]:
-    return [code for code in SNIPPETS if "orch" not in code and "HistGradient" not in code and "reweight" not in code]
-
-
 def test_snippets_run(pictures):
     """The snippets without torch, in their order."""
     demonstrations, good = pictures["ring_demonstrations"]()
     names = {"RPIL": rpil.RPIL, "demonstrations": demonstrations}
-    for code in plain():
+    plain = [code for code in SNIPPETS if not re.search("orch|HistGradient|reweight", code)]
+    assert len(plain) == 2
+    for code in plain:
         exec(compile(code, "docs/policies.md", "exec"), names)
-    assert len(plain()) == 2
     assert names["audit"].verdicts == tuple("open" if expert else "outlier" for expert in good)
     proba = names["answered"].expert_proba
     assert proba[good].min() > proba[~good].max()
@@ -53,18 +50,14 @@ def test_snippet_with_an_estimator_runs(pictures):
     assert names["model"].predict(demonstrations.observations[:3]).shape == (3,)
 
 
-def test_straight_line_gives_no_verdict(pictures):
+def test_pictures_are_small_and_a_straight_line_gives_no_verdict(pictures):
+    named = re.findall(r"\]\((\w+\.png)\)", TEXT)
+    assert sorted(named) == ["adversaries.png", "policies.png", "reliability.png"]
+    assert all((DOCS / name).stat().st_size < 150_000 for name in named)
     demonstrations, good = pictures["ring_demonstrations"]()
     for name, found in (("a straight line", 0), ('features="auto"', 8)):
         model = pictures["RIVALS"][name]().fit(demonstrations)
         assert pictures["count_outliers"](model, good) == f"outliers: {found} bad, 0 good"
-
-
-def test_pictures_exist_and_are_small():
-    named = re.findall(r"\]\((\w+\.png)\)", TEXT)
-    assert sorted(named) == ["adversaries.png", "policies.png", "reliability.png"]
-    for name in named:
-        assert (DOCS / name).stat().st_size < 150_000
 
 
 def test_the_recipes_of_the_guide_run_and_are_short(tmp_path, monkeypatch):

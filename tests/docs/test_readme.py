@@ -24,12 +24,6 @@ SO100 = runpy.run_path(str(ROOT / "tools" / "so100.py"))
 URLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]
 
 
-def test_readme_is_short():
-    assert len(TEXT.splitlines()) <= 120
-    assert len(TEXT.split()) <= 1000
-    assert "![" in "\n".join(TEXT.splitlines()[:40])
-
-
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")  # commands warn where a user may overlook it
 def test_commands_run_and_print_what_is_shown(tmp_path):
@@ -62,8 +56,11 @@ def test_commands_run_and_print_what_is_shown(tmp_path):
     assert (len(rejected), len(rejected - broken - set(SO100["DISTRACTED"]))) == (12, 0)
 
 
-def test_links_are_those_of_the_repository_and_lead_to_files():
-    """A package index shows the README, too, and has no files beside it."""
+def test_links_and_addresses_are_those_of_the_repository_and_lead_to_files():
+    """A package index shows the README, too, and has no files beside it. It is short, and the picture comes soon."""
+    assert len(TEXT.splitlines()) <= 120
+    assert len(TEXT.split()) <= 1000
+    assert "![" in "\n".join(TEXT.splitlines()[:40])
     links = dict(re.findall(r"^\[(.+)\]: (\S+)$", TEXT, re.MULTILINE))
     assert "](" not in TEXT
     assert "<img" not in TEXT
@@ -75,9 +72,6 @@ def test_links_are_those_of_the_repository_and_lead_to_files():
     used = {" ".join(label.lower().split()) for label in used}
     assert used == set(links)
     assert TEXT.count("![") == 1
-
-
-def test_addresses_of_the_project_are_those_of_the_repository():
     assert {"Repository", "Documentation", "Changelog", "Issues"} <= set(URLS)
     assert all(url.startswith(URLS["Repository"]) for url in URLS.values())
 

@@ -38,12 +38,6 @@ def test_a_page_that_says_something_else_is_noticed(tmp_path):
     assert "a fact 4" in wrong
 
 
-def test_pictures_are_there_and_small():
-    named = [picture for name in PAGES for picture in TOOL["pictures"](TUTORIALS / name)]
-    assert sorted(named) == sorted(path.name for path in TUTORIALS.glob("*.png"))
-    assert all((TUTORIALS / name).stat().st_size < 100_000 for name in named)
-
-
 def test_every_finding_has_its_section_and_its_sentence():
     text = (TUTORIALS / "findings.md").read_text(encoding="utf-8")
     sections = {title.lower(): body for title, body in re.findall(r"^## (.+?)\n(.*?)(?=^## |\Z)", text, re.M | re.S)}
@@ -56,7 +50,10 @@ def test_every_finding_has_its_section_and_its_sentence():
         assert re.search(rf"```text\n{finding}: ", body)
 
 
-def test_every_tutorial_is_in_the_list():
+def test_every_tutorial_is_in_the_list_and_pictures_are_there_and_small():
+    named = [picture for name in PAGES for picture in TOOL["pictures"](TUTORIALS / name)]
+    assert sorted(named) == sorted(path.name for path in TUTORIALS.glob("*.png"))
+    assert all((TUTORIALS / name).stat().st_size < 100_000 for name in named)
     text = (TUTORIALS / "index.md").read_text(encoding="utf-8")
     assert sorted(re.findall(r"^- \[.*?\]\((.*?)\)", text, re.MULTILINE)) == PAGES
     assert sorted(f"{name}.md" for name in re.findall(r"^[\w-]+$", text.partition(":hidden:")[2], re.M)) == PAGES

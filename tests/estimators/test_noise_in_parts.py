@@ -6,10 +6,6 @@ import numpy as np
 import pytest
 
 import rpil
-from rpil.data.fit_data import FitData
-from rpil.data.spaces import Box
-from rpil.inference.held_out import log_reference
-from rpil.inference.settings import HeldOutSettings
 
 N_DEMONSTRATIONS, LENGTH = 24, 80
 N = N_DEMONSTRATIONS * LENGTH
@@ -44,17 +40,3 @@ def test_a_part_of_two_values_that_follows_the_state_is_learned():
     follows = np.where(seen[:, 0] + 0.3 * rng.normal(size=N) > 0, 1.0, 0.5)
     audit = rpil.RPIL().fit(seen, np.stack([rng.uniform(-1, 1, N), follows], axis=1), IDS).audit_
     assert audit.finding != "nothing could be learned"
-
-
-def test_the_best_reference_explains_every_part_as_well_as_any():
-    rng = np.random.default_rng(0)
-    actions = np.stack([rng.normal(size=N), rng.choice([0.0, 1.0], N)], axis=1)
-    offsets, every = np.arange(0, N + 1, LENGTH), np.ones(N_DEMONSTRATIONS, dtype=bool)
-
-    def reference(part, best):
-        own = actions[:, [part]]
-        data = FitData(np.ones((N, 1)), own, offsets, Box.around(own))
-        return log_reference(data, every, HeldOutSettings(), best).mean()
-
-    assert reference(0, True) == reference(0, False)
-    assert reference(1, True) > reference(1, False) + 1

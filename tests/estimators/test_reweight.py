@@ -58,7 +58,7 @@ def test_reweight_of_a_numpy_policy(n_folds):
     assert 0.0 <= found.step_weight.min() <= found.step_weight.max() <= 1.0
     assert abs(found.audit.prior.mean - 0.6) < 0.2
     assert agrees(mine, TOY) > 0.93
-    assert ("memorise" in " ".join(found.audit.assumptions)) == (n_folds == 1)
+    assert ("memorise" in " ".join(found.audit.method)) == (n_folds == 1)
 
 
 def test_reweight_gives_same_bits_and_changes_no_demonstration():

@@ -14,30 +14,23 @@ from rpil.faults.report import RULES
 
 
 @pytest.mark.parametrize("codes", [np.arange(3), np.array(["left", "right", "stay"])])
-def test_codes_are_no_measurements(codes):
+def test_codes_and_pixels_are_no_measurements(codes):
     rng = np.random.default_rng(0)
+    for scale in (1.0, 1 / 255):
+        pixels = [(rng.integers(256, size=(30, 64)) * scale, codes[rng.integers(3, size=30)]) for _ in range(8)]
+        report = check(Demonstrations.from_episodes(pixels))
+        assert report.findings == ()
+        assert "spike" in report.not_checked
     episodes = [(np.eye(6)[rng.integers(6, size=50)], codes[rng.integers(3, size=50)]) for _ in range(20)]
     report = check(Demonstrations.from_episodes(episodes))
     assert report.findings == ()
     assert {name for name, rule in RULES.items() if "columns" in rule.needs} <= set(report.not_checked)
 
 
-@pytest.mark.parametrize("scale", [1.0, 1 / 255])
-def test_pixels_are_no_measurements(scale):
-    rng = np.random.default_rng(0)
-    episodes = [(rng.integers(256, size=(30, 64)) * scale, rng.integers(3, size=30)) for _ in range(8)]
-    report = check(Demonstrations.from_episodes(episodes))
-    assert report.findings == ()
-    assert "spike" in report.not_checked
-
-
-def test_constant_columns_and_single_steps_are_no_faults():
-    rng = np.random.default_rng(0)
-    episodes = [(np.zeros((n, 2)), rng.normal(size=(n, 1))) for n in (1, 1, 2, 1, 3, 2)]
-    assert {*check(Demonstrations.from_episodes(episodes)).counts} == {"constant state"}
-
-
 def test_a_single_step_is_short_and_does_not_stand_still():
+    rng = np.random.default_rng(0)
+    few = [(np.zeros((n, 2)), rng.normal(size=(n, 1))) for n in (1, 1, 2, 1, 3, 2)]
+    assert {*check(Demonstrations.from_episodes(few)).counts} == {"constant state"}
     episodes = recording(steps=(30, 31))
     single = check(demonstrations([*episodes, (episodes[0][0][:1], episodes[0][1][:1])])).findings
     assert [(fault.rule, fault.sentence[:14]) for fault in single] == [("length", "it has 1 step ")]
@@ -67,14 +60,6 @@ def test_from_disk_as_in_memory(tmp_path, monkeypatch):
     assert found.not_checked == expected.not_checked
 
 
-def test_expected_findings_are_left_out():
-    first, second = recording(2)
-    report = check(demonstrations([first, first, second, second]), expected={"duplicate": {"1"}})
-    assert [f.id for f in report.findings] == [3]
-    assert report.n_expected == 1
-
-
-# Several faults, and missing values.
 CLEAN = recording()
 M = 5  # the demonstration with the fault
 X, A = CLEAN[M]
@@ -100,16 +85,12 @@ def test_the_order_of_demonstrations_changes_nothing():
     assert [f.sentence for f in backwards.findings] == [f.sentence for f in check(faulty).findings]
 
 
-def test_missing_values_are_set_aside_on_demand():
+def test_missing_values_are_set_aside_on_demand_and_infinite_actions_are_named():
     damaged = with_missing(changed(CLEAN, M, observations=edited(X, slice(30, 33), 1, np.nan)))
-    report = check(damaged)
-    assert "spike" in report.not_checked
+    assert "spike" in check(damaged).not_checked
     rest = check(damaged, skip_bad=True)
     assert rest.set_aside == (M,)
     assert "spike" not in rest.not_checked
-
-
-def test_infinite_actions_are_named():
     damaged = with_missing(changed(CLEAN, 0, actions=edited(CLEAN[0][1], 3, 2, np.inf)))
     (found,) = check(damaged).findings
     assert (found.column, found.first, found.sentence) == ("action 2", 3, "action 2 is inf at step 3")

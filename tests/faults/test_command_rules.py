@@ -13,42 +13,18 @@ CLEAN = [(np.c_[x, 40 * x[:, :1] ** 2], np.c_[a, 40 * a[:, :1] ** 2]) for x, a i
 RULES = {"action is state", "exchanged", "offset", "sign", "scale", "lag"}
 
 
-def moved(x, a):
-    return x + np.array([0, 0, 1.5, 0, 0, 0]), a
-
-
-def exchanged(x, a):
-    return x, a[:, [1, 0, 2, 3, 4, 5]]
-
-
-def same(x, a):
-    return x, x
-
-
-def turned(x, a):
-    return x, a * [1, -1, 1, 1, 1, 1]
-
-
-def degrees(x, a):
-    return x * [1, 1, 1, 57.29578, 1, 1], a
-
-
-def late(x, a):
-    return x[7:], a[:-7]
-
-
 KINDS = {
-    "offset": moved,
-    "exchanged": exchanged,
-    "action is state": same,
-    "sign": turned,
-    "scale": degrees,
-    "lag": late,
+    "offset": lambda x, a: (x + np.array([0, 0, 1.5, 0, 0, 0]), a),
+    "exchanged": lambda x, a: (x, a[:, [1, 0, 2, 3, 4, 5]]),
+    "action is state": lambda x, a: (x, x),
+    "sign": lambda x, a: (x, a * [1, -1, 1, 1, 1, 1]),
+    "scale": lambda x, a: (x * [1, 1, 1, 57.29578, 1, 1], a),
+    "lag": lambda x, a: (x[7:], a[:-7]),
 }
 
 
 @pytest.mark.parametrize("rule", KINDS)
-@pytest.mark.parametrize("share", [2, 4, 6, 9, 12])
+@pytest.mark.parametrize("share", [2, 6, 9, 12])
 def test_a_fault_is_found_in_every_share_of_the_set_and_the_others_are_not_accused(rule, share):
     episodes = [KINDS[rule](x, a) if m < share else (x, a) for m, (x, a) in enumerate(CLEAN)]
     report = check(demonstrations(episodes))
@@ -69,11 +45,14 @@ def test_clean_commands_have_no_fault(lag, error):
     assert not RULES & {*check(demonstrations(episodes)).counts}
 
 
-def test_a_hand_that_holds_something_is_no_offset():
-    """Its command is below the width of what it holds, and equal where it is open."""
+def test_a_hand_that_holds_something_and_an_arm_that_sags_under_its_load_have_no_offset():
+    """The hand's command is below the width of what it holds, and equal where it is open. All joints of the arm lie a
+    quarter of a spread below their commands, in some poses more."""
     hand = [np.where(np.arange(len(x)) % 80 < 40, 1.0, 0.4) for x, _ in CLEAN]
     held = [(np.c_[x, h], np.c_[a, np.where(h < 1, 0.1, 1.0)]) for (x, a), h in zip(CLEAN, hand, strict=True)]
-    assert "offset" not in check(demonstrations(held)).counts
+    sagging = [(x - 0.25 * CLEAN[0][0].std(axis=0) * (1 + 0.2 * np.cos(x)), a) for x, a in CLEAN]
+    for made in (held, sagging):
+        assert "offset" not in check(demonstrations(made)).counts
 
 
 @pytest.mark.parametrize("kind", ["speeds", "normalised", "noise"])
@@ -87,12 +66,6 @@ def test_of_actions_that_are_no_commands_nothing_is_known(kind):
     report = check(demonstrations(made[kind]))
     assert not {"offset", "action is state"} & {*report.counts}
     assert {"offset", "action is state"} <= {*report.not_checked}
-
-
-def test_an_arm_that_sags_under_its_load_has_no_offset():
-    """All joints of all demonstrations lie a quarter of a spread below their commands, in some poses more."""
-    sagging = [(x - 0.25 * CLEAN[0][0].std(axis=0) * (1 + 0.2 * np.cos(x)), a) for x, a in CLEAN]
-    assert "offset" not in check(demonstrations(sagging)).counts
 
 
 def test_offsets_of_either_sign_say_how_far_and_which_is_above():

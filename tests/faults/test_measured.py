@@ -11,11 +11,10 @@ import pytest
 from recordings import changed, demonstrations, recording
 from rpil.faults import lag, settings
 from rpil.faults.checking import check
-from rpil.faults.measured_columns import changes, column_labels, learn_columns, pilot
+from rpil.faults.measured_columns import changes, column_labels, learn_columns, means, pilot
 from rpil.faults.motion import Jump, RepeatedFrames, Scale, Spike
-from rpil.faults.recorded import find_frame_times
 from rpil.faults.rule import Learned
-from rpil.formats.metadata import Times
+from rpil.faults.still import largest, longest_runs
 
 RNG = np.random.default_rng(0)
 LENGTHS = (9, 1, 2, 3, 4, 12)
@@ -33,6 +32,32 @@ def block_of(values, offsets=OFFSETS, **more):
 
 def each(values):
     return [values[:, a:b] for a, b in itertools.pairwise(OFFSETS)]
+
+
+def longest(column, counts):
+    """The run of one value with most steps that count: how many, its first step and its length."""
+    best, start = (-1, 0, 0), 0
+    for t in range(1, len(column) + 1):
+        if t == len(column) or column[t] != column[start]:
+            best = max(best, (int(counts[start + 1 : t].sum()), -start, t - start))
+            start = t
+    return (best[0], -best[1], best[2]) if best[0] > 0 else (0, 0, 1)
+
+
+def test_sums_and_runs_of_each_demonstration():
+    values = RNG.integers(0, 3, size=(4, OFFSETS[-1])).astype(float)
+    expected = [np.diff(part, axis=1, prepend=part[:, :1]) for part in each(values)]
+    np.testing.assert_array_equal(changes(values, OFFSETS), np.concatenate(expected, axis=1))
+    np.testing.assert_allclose(means(values, OFFSETS), [part.mean(axis=1) for part in each(values)])
+    top, step = largest(values, OFFSETS)
+    np.testing.assert_array_equal(top, [part.max(axis=1) for part in each(values)])
+    np.testing.assert_array_equal(step, [part.argmax(axis=1) for part in each(values)])
+    counts, stays = RNG.random(values.shape) < 0.7, changes(values, OFFSETS) == 0
+    stays[:, OFFSETS[:-1]] = False
+    found = np.stack(longest_runs(stays, lambda c, t: counts[c, t], OFFSETS), axis=2)
+    for m, (a, b) in enumerate(itertools.pairwise(OFFSETS)):
+        for c in range(len(values)):
+            assert tuple(found[m, c]) == longest(values[c, a:b], counts[c, a:b])
 
 
 def test_spikes_and_jumps_are_the_largest_of_each_demonstration():
@@ -100,21 +125,6 @@ def test_rows_are_repeated_between_rows_that_move(steps, motion, expected):
     assert repeats.tolist()[::2] == [0, 0]
 
 
-@pytest.mark.parametrize("step", [1, 2, 30])
-def test_frames_are_dropped_in_the_demonstration_that_lacks_them(step):
-    d = demonstrations(CLEAN)
-    stamps = np.concatenate([np.arange(n) / 50 for n in d.lengths])
-    stamps[d.offsets[3] + step : d.offsets[4]] += 3 / 50
-    stamps[d.offsets[5] + step : d.offsets[6]] += 0.4 / 50  # within the limit
-    (fault,) = check(d, times=Times(stamps, 50.0)).findings
-    assert (fault.rule, fault.id, fault.first, fault.last) == ("dropped frames", 3, step - 1, step)
-    assert list(find_frame_times(Times(stamps), d, None)) == []
-    stamps[d.offsets[3] + 40 : d.offsets[4]] += 2 / 50
-    (fault,) = check(d, times=Times(stamps, 50.0)).findings
-    assert fault.last == step
-    assert fault.sentence.startswith("about 5 frames missing: ")
-
-
 def test_series_are_whitened_by_what_an_action_remembers():
     values, memory = RNG.normal(size=OFFSETS[-1]), np.array([0.5, -0.25])
     white = lag.whitened(values, memory, OFFSETS)
@@ -157,9 +167,10 @@ def test_what_is_learned_of_sound_recordings():
     """The numbers are those of today: whatever changes one of them changes what is found."""
     rng = np.random.default_rng(1)
     noisy = [(x + rng.normal(size=x.shape) * [0.1, 0, 0.02], a) for x, a in CLEAN]
-    learned = Learned.of(demonstrations(noisy))
+    data = demonstrations(noisy)
+    learned = Learned.of(data)
     assert learned.pairs == ()  # which commands need not
-    sample = learn_columns(*pilot(demonstrations(noisy)), column_labels(demonstrations(noisy)))
+    sample = learn_columns(*pilot(data), column_labels(data))
     found, _ = lag.find_lag(sample, settings.MAX_LAG, ())
     pairs = [(pair.action, pair.state, pair.of_change, len(pair.memory), pair.lag) for pair in found]
     assert pairs == [(4, 1, False, 3, 2), (5, 2, False, 3, 2), (3, 0, False, 1, 2)]
@@ -170,25 +181,20 @@ def test_what_is_learned_of_sound_recordings():
     assert (tracked.action.tolist(), tracked.state.tolist(), tracked.lag) == ([3, 4, 5], [0, 1, 2], 2)
     assert tracked.is_command
     assert tracked.fits.all()
-
-
-def test_what_is_related_is_the_largest_correlation_over_the_lags():
-    rng = np.random.default_rng(1)
-    d = demonstrations([(x + rng.normal(size=x.shape) * [0.1, 0, 0.02], a) for x, a in CLEAN])
-    sample = learn_columns(*pilot(d), column_labels(d))
     related = [
         [0.3328708, 0.1046817, 0.1583162],
         [0.03284762, 0.9881349, 0.1614088],
         [0.07525565, 0.1750798, 0.8587367],
     ]
-    np.testing.assert_allclose(
-        lag._related(sample, np.arange(3, 6), np.arange(3), settings.MAX_LAG), related, rtol=1e-5
-    )
+    found = lag._related(sample, np.arange(3, 6), np.arange(3), settings.MAX_LAG)
+    np.testing.assert_allclose(found, related, rtol=1e-5)  # the largest over the lags
 
 
-def test_the_action_may_follow_the_state():
+def test_the_action_may_follow_the_state_or_be_its_speed():
     report = check(demonstrations([(a, x) for x, a in CLEAN]))
     assert report.usual == {"lag": "action 0 follows observation 0 after 2 steps"}
+    pairs = Learned.of(demonstrations([(np.cumsum(a, axis=0) - a, a) for _, a in CLEAN])).pairs
+    assert {(pair.state - pair.action, pair.of_change, pair.lag) for pair in pairs} == {(-3, True, 1)}
 
 
 def test_a_demonstration_that_never_moves_is_not_cut():
@@ -198,11 +204,3 @@ def test_a_demonstration_that_never_moves_is_not_cut():
     rows = np.pad(np.arange(len(x)), (0, 10), mode="edge")
     report = check(demonstrations(changed(CLEAN, 2, observations=x[rows], actions=a[rows])))
     assert (report.counts, report.trims) == ({}, {2: (0, len(x))})
-
-
-def test_an_action_may_be_the_speed_of_a_state():
-    speeds = [(np.cumsum(a, axis=0) - a, a) for _, a in CLEAN]
-    pairs = Learned.of(demonstrations(speeds)).pairs
-    assert [(pair.action - 3, pair.of_change, pair.lag) for pair in pairs if pair.state == pair.action - 3] == [
-        (pair.action - 3, True, 1) for pair in pairs
-    ]

@@ -14,22 +14,22 @@ from recordings import changed, demonstrations, recording
 from rpil.data.errors import DataError
 
 CLEAN = recording()
-LENGTHS = [len(x) for x, _ in CLEAN]
 
 
 def jumping():
     """A frame of demonstrations at 20 steps a second; in the sixth a column jumps."""
+    lengths = [len(x) for x, _ in CLEAN]
     x = CLEAN[5][0]
     later = x + np.where(np.arange(len(x)) >= 80, 20.0, 0.0)[:, None] * [0, 1, 0]
     rows = [np.column_stack(pair) for pair in changed(CLEAN, 5, observations=later)]
     columns = [*(f"observation.{name}" for name in "xyz"), "action.0", "action.1", "action.2"]
     frame = pd.DataFrame(np.concatenate(rows), columns=columns)
-    frame.insert(0, "episode", np.repeat(np.arange(len(rows)), LENGTHS))
-    frame.insert(1, "timestamp", np.concatenate([np.arange(n) / 20 for n in LENGTHS]))
+    frame.insert(0, "episode", np.repeat(np.arange(len(rows)), lengths))
+    frame.insert(1, "timestamp", np.concatenate([np.arange(n) / 20 for n in lengths]))
     return frame
 
 
-def test_a_file_a_frame_and_a_recording_are_checked_alike(tmp_path):
+def test_a_file_a_frame_and_a_recording_are_checked_alike_and_the_report_is_a_frame_a_file_and_text(tmp_path):
     frame, path = jumping(), tmp_path / "drive.csv"
     frame.to_csv(path, index=False)
     found = [rpil.check(data).findings for data in (frame, path, str(path), rpil.open(path))]
@@ -42,10 +42,7 @@ def test_a_file_a_frame_and_a_recording_are_checked_alike(tmp_path):
     assert chosen.findings == ()
     with pytest.raises(DataError, match="has no columns to choose"):
         rpil.check(demonstrations(CLEAN), id="episode")
-
-
-def test_the_report_is_a_frame_a_file_and_text(tmp_path):
-    report = rpil.check(jumping())
+    report = rpil.check(frame)
     frame = report.to_frame()
     assert frame.columns.tolist()[:5] == ["number", "grade", "rule", "id", "first"]
     assert frame["rule"].tolist() == ["jump"]
@@ -64,12 +61,11 @@ def test_the_report_is_a_frame_a_file_and_text(tmp_path):
 
 def test_a_line_of_many_says_whose_numbers_it_has():
     """Unless all have the same."""
-    episodes = recording()
 
     def line_of(lengths):
         idle = [
             tuple(np.insert(values, [0] * n, values[0], axis=0) for values in one)
-            for one, n in zip(episodes, lengths, strict=True)
+            for one, n in zip(CLEAN, lengths, strict=True)
         ]
         report = rpil.check(demonstrations(idle))
         (line,) = (one for one in report.lines if one.rule == "idle head")

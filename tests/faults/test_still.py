@@ -1,58 +1,141 @@
-"""Where everything rests: by the noise of sensors, at the ends and between, however many demonstrations do."""
+"""Where everything rests, by the noise of sensors, at the ends and between; and columns that are 0 in some."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from recordings import demonstrations
+from recordings import demonstrations, recording
 from rpil.faults.checking import check
 
-N, REST = 10, 52
+N, REST, TICK = 10, 52, 0.088
+PLACES = {"head": 0, "middle": 70, "tail": 139}
 
 
-def arm(noise, at, rests=range(N), trembles=False):
-    """Commands by a leader, whose hand has noise as well, and states two steps later; it rests at a place."""
+def arm(noise, at="head", rests=range(N), trembles=False, tick=0.0, drift=0.0):
+    """Commands by a leader, whose hand may have noise as well, and states two steps later; it rests at a place."""
     rng, episodes = np.random.default_rng(1), []
     for m in range(N):
         time = np.arange(140)[:, None]
         path = 30 * np.sin(time / rng.uniform(8, 14, 4) + rng.uniform(0, 6, 4))
         if m in rests:
-            k = {"head": 0, "middle": 70, "tail": 139}[at]
-            path = np.insert(path, [k] * REST, path[k], axis=0)
+            path = np.insert(path, [PLACES[at]] * REST, path[PLACES[at]], axis=0)
         leader = path + trembles * noise * rng.normal(size=path.shape)
-        late = np.concatenate([leader[:1], leader[:1], leader[:-2]])
-        episodes.append((late + noise * rng.normal(size=late.shape), leader))
+        late = np.concatenate([leader[:1], leader[:1], leader[:-2]]) + noise * rng.normal(size=path.shape)
+        late += drift * np.minimum(np.arange(len(path)), REST)[:, None]
+        episodes.append((np.round(late / tick) * tick if tick else late, leader))
     return demonstrations(episodes)
 
 
 @pytest.mark.parametrize(("at", "rule"), [("head", "idle head"), ("middle", "pause"), ("tail", "idle tail")])
-@pytest.mark.parametrize(("noise", "trembles"), [(0.02, False), (0.15, False), (0.15, True)])
-def test_rest_of_all_is_one_line(at, rule, noise, trembles):
-    report = check(arm(noise, at, trembles=trembles))
+@pytest.mark.parametrize(
+    ("noise", "trembles", "tick"), [(0.02, False, 0), (0.15, False, 0), (0.15, True, 0), (0.0, False, TICK)]
+)
+def test_rest_of_all_is_one_line_and_may_be_trimmed_at_the_ends(at, rule, noise, trembles, tick):
+    data = arm(noise, at, trembles=trembles, tick=tick)
+    report = check(data)
     assert report.counts == {rule: N}
     (line,) = report.lines
     assert (line.ids, line.grade) == (tuple(range(N)), "odd")
     long = line.last - line.first + 1
     assert REST - 10 <= long <= REST + 10
+    idle = [
+        first if at == "head" else n - end for n, (first, end) in zip(data.lengths, report.trims.values(), strict=False)
+    ]
+    assert len(idle) == N * (at != "middle")
+    assert all(REST - 10 <= n <= REST for n in idle)
 
 
-@pytest.mark.parametrize("at", ["head", "middle"])
+@pytest.mark.parametrize("at", PLACES)
 def test_rest_of_one_is_found_in_its_place(at):
-    (fault,) = check(arm(0.15, at, rests=[4])).findings
+    report = check(arm(0.15, at, rests=[4]))
+    (fault,) = report.findings
     assert fault.id == 4
-    assert abs(fault.first - {"head": 0, "middle": 70}[at]) <= 6
+    assert abs(fault.first - PLACES[at]) <= 6
+    assert {*report.trims} == ({4} if at != "middle" else set())
 
 
 def test_what_moves_all_the_while_never_rests():
-    assert not check(arm(0.15, "head", rests=())).findings
-    creeping = [
-        (x + 0.05 * np.arange(len(x))[:, None], a + 0.05 * np.arange(len(x))[:, None]) for x, a in arm(0.02, "head")
-    ]
+    report = check(arm(0.15, rests=()))
+    assert (report.findings, report.trims) == ((), {})
+    creeping = [(x + 0.05 * np.arange(len(x))[:, None], a + 0.05 * np.arange(len(x))[:, None]) for x, a in arm(0.02)]
     assert "idle head" not in check(demonstrations(creeping)).counts
+    assert not check(arm(0.15, drift=0.2)).trims  # while the command stays the same
+
+
+@pytest.mark.parametrize("actions", ["codes", "constant"])
+def test_a_command_that_tells_nothing_says_of_no_rest(actions):
+    """A code that stays the same may be a push, and a command that never changes is none."""
+    made = [
+        (x, (np.arange(len(x)) >= REST).astype(int) if actions == "codes" else np.full((len(x), 1), 12.5))
+        for x, _ in arm(0.15)
+    ]
+    assert not check(demonstrations(made)).trims
 
 
 def test_nothing_is_known_where_noise_is_as_large_as_motion():
     rng = np.random.default_rng(0)
     noise = [(rng.normal(size=(120, 3)), rng.normal(size=(120, 3))) for _ in range(N)]
     assert not {"idle head", "idle tail", "pause"} & {*check(demonstrations(noise)).counts}
+
+
+ARM, TWO_ARMS = slice(3, 6), recording(30, joints=6, seed=2)
+
+
+def without_arm(absent, columns=ARM):
+    """A recording of two arms, in which the second one is 0 in the demonstrations `absent`."""
+    episodes = []
+    for m, (states, actions) in enumerate(TWO_ARMS):
+        states, actions = (values + np.arange(6) for values in (states, actions))
+        for values in (states, actions):
+            values[:, columns] *= m not in absent
+        episodes.append((states, actions))
+    return demonstrations(episodes)
+
+
+@pytest.mark.parametrize("n_absent", [3, 15])
+def test_columns_that_are_not_recorded_are_named_once_in_each_demonstration(n_absent):
+    absent = set(range(1, 2 * n_absent, 2))
+    report = check(without_arm(absent))
+    assert {(fault.rule, fault.id) for fault in report.findings} == {("never moves", m) for m in absent}
+    assert len(report.findings) == n_absent
+    for fault in report.findings:
+        assert fault.sentence.startswith("these columns are not recorded here: ")
+        assert fault.sentence.endswith("; the same in 5 more columns")
+
+
+def test_the_column_that_moves_most_alike_in_the_others_is_named():
+    episodes = [(states.copy(), actions.copy()) for states, actions in TWO_ARMS]
+    for states, actions in episodes:
+        states[:, 5] *= 3 / np.ptp(states[:, 5])  # its range is the same in all
+        states[:, ARM] += 10
+        actions[:, ARM] += 10
+    for values in episodes[4]:
+        values[:, ARM] = 0.0
+    (fault,) = check(demonstrations(episodes)).findings
+    assert fault.column == "observation 5"
+
+
+def test_without_them_and_where_nearly_all_lack_them_nothing_is_said():
+    assert not check(without_arm(())).findings
+    assert check(without_arm(range(30 - 5))).counts == {"never moves": 30 - 5}
+    assert not check(without_arm(range(30 - 2))).counts.get("never moves")
+    halves = [(x * (np.arange(6) // 3 != m % 2), a) for m, (x, a) in enumerate(TWO_ARMS)]  # of two arms each has one
+    assert check(demonstrations(halves)).counts == {"never moves": 30}
+
+
+def test_one_column_alone_rests_and_so_does_what_is_constant_in_all():
+    states = [(np.column_stack([x[:, :5], x[:, 5] * (m != 7)]), a) for m, (x, a) in enumerate(TWO_ARMS)]
+    (fault,) = [fault for fault in check(demonstrations(states)).findings if fault.rule == "never moves"]
+    assert fault.sentence == "observation 5 does not move, and in the others it does"
+    goals = np.arange(30) * (np.arange(30) % 5 > 0)
+    towards = [(np.column_stack([x, np.full((len(x), 2), goals[m])]), a) for m, (x, a) in enumerate(TWO_ARMS)]
+    assert not check(demonstrations(towards)).findings
+
+
+def test_what_is_at_0_in_most_steps_of_the_others_rests():
+    rng, episodes = np.random.default_rng(0), []
+    for m, (states, actions) in enumerate(TWO_ARMS):
+        pressed = rng.random((len(states), 2)) * (np.arange(len(states)) % 50 < 10)[:, None] * (m % 3 > 0)
+        episodes.append((np.column_stack([states, pressed]), actions))
+    assert not any("not recorded" in fault.sentence for fault in check(demonstrations(episodes)).findings)

@@ -60,7 +60,9 @@ def test_actions_in_another_unit_are_no_commands():
 def test_a_relation_is_a_slope_a_correlation_and_the_better_partner():
     rng = np.random.default_rng(0)
     states = np.cumsum(rng.normal(size=(3, 300)), axis=1)
-    slope, share, best, mine, other = relation(states[[1, 0, 2]] * [[1], [1], [-2]], states, False)
+    slope, share, best, mine, other = (
+        of[0] for of in relation([(states[[1, 0, 2]] * [[1], [1], [-2]], states)], False)
+    )
     assert best.tolist()[:2] == [1, 0]
     assert slope[2] == pytest.approx(-2)
     assert share[2] == pytest.approx(1)
@@ -83,6 +85,6 @@ def test_misfits_are_least_at_the_lag():
 def test_an_action_that_stays_far_from_states_of_many_counts_is_related_to_none():
     states = 1e5 + np.cumsum(np.ones((2, 300)), axis=1)
     with np.errstate(over="raise"):
-        _, share, _, mine, _ = relation(np.zeros((2, 300)), states, True)
+        _, share, _, mine, _ = relation([(np.zeros((2, 300)), states)], True)
     assert (share == 0).all()
     assert np.isfinite(mine).all()

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 
-import rpil
 from recordings import demonstrations, recording
 from rpil.faults.checking import check
 
@@ -78,23 +76,6 @@ def test_states_that_go_with_actions_in_any_way_are_not_unrelated(kind):
         "white": [(rng.normal(size=x.shape), rng.normal(size=a.shape)) for x, a in CLEAN],  # nothing can be known
     }
     assert "unrelated" not in check(demonstrations(made[kind])).counts
-
-
-@pytest.mark.parametrize("operator", [True, False])
-def test_a_sign_that_goes_with_the_operator_is_named_with_the_operator(operator):
-    rows = []
-    for m, (x, a) in enumerate(CLEAN):
-        turn = [1, 1, -1 if m % 3 == 0 else 1, 1]
-        columns = {f"{kind}.{k}": v for kind, of in (("state", x), ("action", a)) for k, v in enumerate((of + 30).T)}
-        frame = pd.DataFrame(columns | {"episode": m, "operator": "ann" if m % 3 == 0 else "bob"})
-        frame[["state.2", "action.2"]] *= turn[2]
-        rows.append(frame)
-    frame = pd.concat(rows).drop(columns=["operator"] * (not operator))
-    options = {"operator": "operator"} if operator else {}
-    lines = rpil.check(rpil.open(frame, **options)).lines
-    assert [one.rule for one in lines] == ["two conventions"] * operator
-    said = "4 of 12 demonstrations, those of the operator 'ann': state.2 has another sign than in the other 8"
-    assert all(one.sentence.startswith(said) for one in lines)
 
 
 def turning(m, flips):

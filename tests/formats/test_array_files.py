@@ -54,14 +54,6 @@ def test_what_lies_beside_the_arrays_says_task_and_outcome(folder):
     assert "The last value of obs_state, which comes after the last action, is left out." in said.notes
 
 
-def test_files_may_lie_in_the_folder_itself_in_the_order_of_their_numbers(tmp_path, folder):
-    flat = tmp_path / "flat"
-    flat.mkdir()
-    for old, new in (("0", "run_2"), ("1", "run_10"), ("2", "run_1")):
-        shutil.copyfile(folder / old / "trajectory.npz", flat / f"{new}.npz")
-    assert rpil.read(flat).ids == ("run_1", "run_2", "run_10")
-
-
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [

@@ -196,16 +196,9 @@ def test_several_ends_in_one_first_index_are_refused(written):
         rpil.read(path)
 
 
-def test_ids_of_text_and_values_of_demonstrations_are_kept(written, tmp_path):
-    rows = {"actions": MOVES, "observations": STATES}
-    names = np.array(["a", "b", "c"])
-    path = written(rows | {"episode_id": np.repeat(names, LENGTHS).astype("S"), "timeouts": np.zeros(sum(LENGTHS))})
-    if path.suffix == ".hdf5":  # where timeouts alone would make it one demonstration
-        assert rpil.read(path).ids == ("a", "b", "c")
-    path = written(rows | {"lengths": np.array(LENGTHS), "success": np.array([1, 0, 1])})
-    if path.suffix == ".hdf5":
-        return
-    find(path).keep(tmp_path / "kept.npz", [0, 1])
+def test_values_of_demonstrations_are_kept(tmp_path):
+    np.savez(tmp_path / "a.npz", **STEPS, lengths=np.array(LENGTHS), success=np.array([1, 0, 1]))
+    find(tmp_path / "a.npz").keep(tmp_path / "kept.npz", [0, 1])
     with np.load(tmp_path / "kept.npz") as kept:
         assert kept["success"][:].tolist() == [1, 0]
         assert kept["lengths"][:].tolist() == list(LENGTHS[:2])
@@ -239,11 +232,6 @@ def test_ids_are_texts_of_any_length_or_whole_numbers(tmp_path, ids):
     assert rpil.read(tmp_path / "two.hdf5").ids == tuple(ids.tolist())
 
 
-def test_one_step_and_the_next_observation_are_a_demonstration(written):
-    arrays = dict.fromkeys(("observations", "actions", "next_observations"), np.ones((1, 2)))
-    assert rpil.read(written(arrays)).lengths.tolist() == [1]
-
-
 def test_a_file_of_no_layout_is_refused_with_what_is_in_it(tmp_path, written):
     path = written({"q": np.array([1.0, 2.0])})
     with pytest.raises(
@@ -254,25 +242,6 @@ def test_a_file_of_no_layout_is_refused_with_what_is_in_it(tmp_path, written):
     with pytest.raises(DataError):
         find(path).keep(path.with_stem("kept"), [0])
     assert [*tmp_path.iterdir()] == before
-
-
-def test_no_npz_file_with_groups_is_kept(tmp_path):
-    np.savez(tmp_path / "a.npz", **{f"demo_{k}/{name}": STEPS[name] for k in range(2) for name in STEPS})
-    assert rpil.read(tmp_path / "a.npz").ids == ("demo_0", "demo_1")
-    assert find(tmp_path / "a.npz").unkept() == "arrays of this layout"
-
-
-def test_named_observations_do_not_change_where_demonstrations_end(written):
-    path = written(
-        dict(LAYOUTS)[
-            "There are no timeouts: demonstrations end at terminals, and where next_obs is not the "
-            "following observation."
-        ]
-        | {"force": STATES[:, :1]}
-    )
-    found = rpil.read(path, observations="force")
-    assert found.lengths.tolist() == list(LENGTHS)
-    np.testing.assert_array_equal(found.observations, STATES[:, :1])
 
 
 def test_lengths_say_more_than_a_mask_of_which_index_is_the_time(written):

@@ -44,16 +44,6 @@ def test_no_other_file_is_opened(tmp_path):
     assert {"obs/virtual", "obs/outside"} <= {*recording.description.ignored}
 
 
-def test_a_mask_that_is_a_link_changes_no_other_file(tmp_path):
-    path, other = robomimic(tmp_path / "lift.hdf5"), robomimic(tmp_path / "other.hdf5")
-    before = other.read_bytes()
-    with h5py.File(path, "r+") as file:
-        del file["mask"]
-        file["mask"] = h5py.ExternalLink(str(other), "/mask")
-    find(path).keep(tmp_path / "kept.hdf5", ["demo_0"])
-    assert other.read_bytes() == before
-
-
 def test_without_h5py_the_extra_is_named(tmp_path, monkeypatch):
     path, folder = robomimic(tmp_path / "lift.hdf5"), aloha(tmp_path / "cube")
     monkeypatch.setitem(sys.modules, "h5py", None)

@@ -11,10 +11,12 @@ import pyarrow.parquet as pq
 import pytest
 
 import rpil
+from problems import refused
 from recorded import demonstrations, write_files, written
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
+from rpil.formats.table import part_names
 from samples import assert_same
 
 BLOCK_STEPS = 700
@@ -24,10 +26,6 @@ BLOCK_STEPS = 700
 def small_batches(monkeypatch):
     """Hundreds of rows fill a batch."""
     monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 130)
-
-
-def read_all(data):
-    return list(chain(*data.shards(block_steps=BLOCK_STEPS)))
 
 
 CASES = {
@@ -68,30 +66,6 @@ def test_blocks_and_selections_are_those_in_memory(tmp_path, case):
     assert data.nbytes == memory.observations.nbytes + memory.actions.nbytes
 
 
-def changed(table, name, row, value):
-    values = table[name].to_pylist()
-    values[row] = value
-    return table.set_column(table.column_names.index(name), name, pa.array(values))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda t: pa.concat_tables([t, t]), "demonstration 0: it is both in 0.parquet and in"),
-        (
-            lambda t: changed(t, "observation.1", 1500, None),
-            r"0.parquet, demonstration \d+, row 1501: column 'observation.1' has no",
-        ),
-        (lambda t: changed(t, "episode_index", 0, None), "0.parquet, row 1: column 'episode_index' has no value"),
-    ],
-)
-def test_a_fault_of_the_files_is_reported_in_one_sentence(tmp_path, change, message):
-    table = change(flat.from_demonstrations(demonstrations(), {}))
-    with pytest.raises(DataError, match=message) as error:
-        rpil.open(write_files(table, tmp_path / "many"), on_disk=True).demonstrations  # noqa: B018
-    assert str(error.value).count(". ") == 0
-
-
 def test_files_with_other_columns_or_of_another_kind_are_refused(tmp_path):
     table = flat.from_demonstrations(demonstrations(), {})
     folder = write_files(table, tmp_path / "many")
@@ -119,3 +93,79 @@ def test_a_shard_can_be_pickled(tmp_path):
     assert len(sent) < 4000
     for ours, theirs in zip(pickle.loads(sent), shard, strict=True):  # noqa: S301
         np.testing.assert_array_equal(ours.observations, theirs.observations)
+
+
+NUMBERS = np.random.default_rng(0).normal(size=(40, 10))
+EVERY = ("arm.0", "arm.1", "arm.2", "arm.3", "z", "actions.0", "actions.1", "actions.2")
+
+
+def recorded(path, on_disk, **options):
+    """A recording with lists of numbers, read with these options, and its numbers by name."""
+    lists = {"observation.arm": NUMBERS[:, :4], "actions": NUMBERS[:, 5:8], "rewards": NUMBERS[:, 8:]}
+    columns = {name: pa.array(block.tolist()) for name, block in lists.items()}
+    rows = pa.table({"episode": np.repeat(range(4), 10), **columns, "observation.z": NUMBERS[:, 4]})
+    pq.write_table(rows, path / "a.parquet")
+    found = rpil.open(path / "a.parquet", on_disk=on_disk, **options)
+    steps = found.demonstrations.select(slice(None))
+    names = *steps.observation_names, *steps.action_names
+    values = np.concatenate([steps.observations, steps.actions], axis=1)
+    assert (*found.describe().observations, *found.describe().actions) == names
+    return found, dict(zip(names, values.T, strict=True))
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+@pytest.mark.parametrize(
+    ("options", "read"),
+    [
+        ({}, EVERY),
+        ({"exclude": "observation.arm.[12]"}, ("arm.0", "arm.3", "z", *EVERY[5:])),
+        ({"exclude": ["ARM.0", "actions.*2", "z"]}, ("arm.1", "arm.2", "arm.3", "actions.0", "actions.1")),
+        ({"exclude": "a*.3,observation.z"}, ("arm.0", "arm.1", "arm.2", *EVERY[5:])),
+        ({"exclude": "arm.*"}, ("z", *EVERY[5:])),
+        ({"observations": "arm.3,arm.0"}, ("arm.3", "arm.0", *EVERY[5:])),
+        ({"observations": "*.3"}, ("arm.3", *EVERY[5:])),
+        ({"action": "actions.1"}, (*EVERY[:5], "actions.1")),
+        ({"action": "actions.[02]", "exclude": "arm.*"}, ("z", "actions.0", "actions.2")),
+    ],
+    ids=str,
+)
+def test_every_name_that_is_printed_can_be_named(tmp_path, options, read, on_disk):
+    found, values = recorded(tmp_path, on_disk, **options)
+    assert tuple(values) == read
+    whole = dict(zip(EVERY, NUMBERS.T, strict=False))
+    for name, numbers in values.items():
+        np.testing.assert_array_equal(numbers, whole[name])
+        assert found.describe().ranges[name] == (numbers.min(), numbers.max())
+    assert {*found.describe().ranges} == {*read}
+    left_out = {name for name in EVERY if name not in read and "." in name}
+    ignored = {name.removeprefix("observation.") for name in found.describe().ignored}
+    assert all(name in ignored or name.split(".")[0] in ignored for name in left_out)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"exclude": "arm.9"}, "a.parquet: no column is called 'arm.9'"),
+        ({"observations": "colour"}, "no column is called 'colour'; correct observations"),
+        ({"action": "arms.1"}, "no column is called 'arms.1'; correct action"),
+        ({"exclude": "actions.*"}, "no column holds the action"),
+        ({"exclude": "arm.*,z"}, "no column holds observations"),
+    ],
+)
+def test_names_of_nothing_are_refused(tmp_path, options, message):
+    with refused(message):
+        recorded(tmp_path, False, **options)
+
+
+def test_what_is_missing_in_numbers_that_are_not_read_is_no_fault():
+    lists = [[np.nan if k == 5 else 1.0, float(k)] for k in range(40)]
+    rows = pa.table({"episode": np.repeat(range(4), 10), "obs": lists, "action": NUMBERS[:, 0]})
+    assert rpil.open(rows, skip_bad=True).set_aside == (0,)
+    found = rpil.open(rows, skip_bad=True, exclude="obs.0")
+    assert (found.set_aside, found.describe().missing) == ((), {})
+    np.testing.assert_array_equal(found.demonstrations.observations.ravel(), range(40))
+
+
+@pytest.mark.parametrize("names", [("a", "a", "b"), ("a", "b"), ("a", "b", "c", "c")])
+def test_names_that_are_not_one_for_each_number_are_not_used(names):
+    assert part_names("obs", 3, names) == ("obs.0", "obs.1", "obs.2")

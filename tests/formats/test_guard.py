@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import itertools
-import json
+import os
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -79,34 +82,6 @@ def test_row_groups_without_all_their_rows(monkeypatch, n_batches):
         refused(re.escape(path.name), "info", path, "--memory", "1kB")
 
 
-def write_json(path, change):
-    content = json.loads(path.read_text())
-    change(content)
-    path.write_text(json.dumps(content))
-
-
-def test_deep_json():
-    path = sample("LeRobot")
-    (path / INFO).write_text(DEEP)
-    refused(re.escape(path.name), "info", path)
-    with pytest.raises(DataError, match=path.name):
-        find(path).keep("kept", [0])
-    data = sample("CSV")
-    Path("deep.json").write_text(DEEP)
-    refused("deep.json", "check", data, "--expected", "deep.json")
-    for option in ("--labels", "--operator"):
-        refused("deep.json", "audit", data, option, "deep.json")
-    refused("deep.json", "keep", data, "-o", "k.csv", "--verdicts", "deep.json")
-
-
-def change_statistics(value):
-    return lambda path: write_json(path / STATS, lambda content: content.update(value))
-
-
-def change_info(**values):
-    return lambda path: write_json(path / INFO, lambda content: content.update(values))
-
-
 def rewrite_episodes(change):
     def damage(path):
         pq.write_table(change(pq.read_table(path / EPISODES)), path / EPISODES)
@@ -126,9 +101,10 @@ LEROBOT = {
         INFO,
     ),
     "statistics nested deeply": (lambda path: (path / STATS).write_text(DEEP), STATS),
-    "episodes missing": (lambda path: shutil.rmtree(path / "meta/episodes"), "episodes"),
-    "episodes without numbers": (rewrite_episodes(lambda table: table.drop_columns("episode_index")), "episodes"),
-    "episodes damaged": (lambda path: (path / EPISODES).write_bytes(b"PAR1"), "episodes"),
+    "info nested deeply": (lambda path: (path / INFO).write_text(DEEP), INFO),
+    "episodes missing": (lambda path: shutil.rmtree(path / "meta/episodes"), "episode"),
+    "episodes without numbers": (rewrite_episodes(lambda table: table.drop_columns("episode_index")), "episode"),
+    "episodes damaged": (lambda path: (path / EPISODES).write_bytes(b"PAR1"), "episode"),
     "data no Parquet": (lambda path: (path / STEPS).write_bytes(b"no"), "file-000.parquet"),
     "data damaged": (damage_page, "file-000.parquet"),
 }
@@ -144,3 +120,15 @@ def test_damaged_lerobot_is_not_kept(damage):
     assert LEROBOT[damage][1] in str(caught.value)
     assert not [*Path().glob("*kept*")]
     refused("", "keep", path, "-o", "kept", "--verdicts", "labels.csv")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="elsewhere a process ends otherwise")
+def test_a_crash_of_a_library_prints_where_it_happened(tmp_path):
+    np.savez(tmp_path / "a.npz", observations=np.eye(4), actions=[0, 1, 0, 1], episode_ids=[0, 0, 1, 1])
+    crash = "import os, rpil.data.archive as npy\nnpy.read_arrays = lambda *_: os.abort()\n"
+    script = f"import sys\nsys.argv = ['rpil', 'info', {str(tmp_path / 'a.npz')!r}]\n{crash}"
+    script += "from rpil.cli.entry import main\nmain()\n"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode < 0
+    assert "Fatal Python error: Aborted" in done.stderr
+    assert "array_files.py" in done.stderr

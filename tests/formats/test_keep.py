@@ -50,10 +50,10 @@ def test_lines_of_text_stay_as_they_are(tmp_path):
     head = '# from the lab\nrun;force;"x pos";note\n'
     rows = {"07": '07;1;0,50;"lines; quoted"\n', "1": "1 ;0;1,25;\n", "a": '"a";1;1e0;é\n'}
     path, output = tmp_path / "t.csv", tmp_path / "kept.csv"
-    text = head + rows["07"] + "# a comment\n" + rows["1"] + rows["a"] + rows["07"]
+    text = head + rows["07"] + "# a comment\n" + 2 * rows["1"] + 2 * rows["a"] + rows["07"]
     path.write_text(text, encoding="utf-8")
     find(path).keep(output, ["a", "07"], ColumnOptions(id="run", action="force"))
-    assert output.read_text(encoding="utf-8") == head + rows["07"] + "# a comment\n" + rows["a"] + rows["07"]
+    assert output.read_text(encoding="utf-8") == head + rows["07"] + "# a comment\n" + 2 * rows["a"] + rows["07"]
 
 
 def test_all_columns_and_metadata_of_parquet_stay(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,14 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
+import lerobot_folders as folders
+import rpil
+from lerobot_folders import change_info
 from problems import refused
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.formats import ColumnOptions
+from rpil.formats import ColumnOptions, read_recording
+from rpil.formats.metadata import fill, unit_of
 from samples import LENGTHS, OWNERS, SAMPLES, STATES, lerobot
 
 SUCCESS = np.array([0, 0, 0, 1, *[0] * 6, *[0] * 4, 1])
@@ -122,3 +127,151 @@ def test_an_outcome_that_is_named_as_data_too_is_refused(tmp_path):
 def test_text_is_no_outcome(tmp_path):
     with refused("'day' is not of one number for each step; name another"):
         facts(written(tmp_path, "csv"), outcome="day")
+
+
+IDS = np.array([7, 7, 3, 3, 7])  # the rows of one demonstration need not lie together
+TIMES = np.array([0.0, 0.1, 5.0, 5.1, 0.2])
+IN_ORDER = [0.0, 0.1, 0.2, 5.0, 5.1]
+TABLE = pa.table({"episode_index": IDS, "timestamp": TIMES, "observation": TIMES**2, "action": [0, 1, 0, 1, 1]})
+
+
+def timestamps(path, **options):
+    return read_recording(path, **options).times().timestamps
+
+
+def with_times(values):
+    return TABLE.set_column(1, "timestamp", pa.array(values))
+
+
+def csv_text(table):
+    sink = pa.BufferOutputStream()
+    pa.csv.write_csv(table, sink)
+    return sink.getvalue().to_pybytes()
+
+
+def write_hdf5(path):
+    h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
+    with h5py.File(path, "w") as file:
+        for name, rows in (("demo_0", [0, 1, 4]), ("demo_1", [2, 3])):
+            for column in ("timestamp", "observation", "action"):
+                file[f"data/{name}/{column}"] = TABLE[column].to_numpy()[rows]
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.npz", "a.hdf5"])
+def test_timestamps_come_in_the_order_of_the_demonstrations_from_every_format(tmp_path, name):
+    path = tmp_path / name
+    if name == "a.csv":
+        path.write_bytes(csv_text(TABLE))
+    elif name == "a.npz":
+        arrays = {"observations": TIMES[:, None], "actions": np.array([0, 1, 0, 1, 1]), "timestamps": TIMES}
+        np.savez(path, episode_ids=IDS, **arrays)
+    else:
+        write_hdf5(path)
+    np.testing.assert_allclose(timestamps(path), IN_ORDER, atol=1e-12)
+
+
+def test_times_that_are_missing_are_not_a_number(tmp_path):
+    pq.write_table(with_times([0.0, None, 5.0, 5.1, 0.2]), tmp_path / "a.parquet")
+    np.testing.assert_array_equal(np.isnan(timestamps(tmp_path / "a.parquet")), [False, True, False, False, False])
+
+
+@pytest.mark.parametrize("unit", ["ms", "ns"])
+def test_timestamps_are_in_seconds(tmp_path, unit):
+    times = pa.array((TIMES * (1e3 if unit == "ms" else 1e9)).astype(np.int64))
+    pq.write_table(with_times(times).rename_columns(["id", f"time_{unit}", "x", "action"]), tmp_path / "a.parquet")
+    np.testing.assert_allclose(timestamps(tmp_path / "a.parquet"), IN_ORDER, atol=1e-9)
+    typed = with_times(times.cast(pa.timestamp(unit))).rename_columns(["id", "recorded", "x", "action"])
+    pq.write_table(typed, tmp_path / "b.parquet")
+    found = timestamps(tmp_path / "b.parquet", options=ColumnOptions(order="recorded"))
+    np.testing.assert_allclose(found, IN_ORDER, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "unit"),
+    [
+        ("time", [0.0, 0.5], 1.0),
+        ("time", [0.0, 1.0], None),  # whole numbers may count anything
+        ("time", [0, 1], None),
+        ("x", [0.0, 0.5], None),
+        ("stamp_ms", [0, 1], 1e-3),
+        ("ms", [0, 1], None),
+        *(("x", [0, 17 * 10**n], unit) for n, unit in ((8, None), (11, 1e-3), (14, 1e-6), (17, 1e-9))),
+    ],
+)
+def test_the_unit_of_a_time_is_known_by_its_name_or_its_size(name, values, unit):
+    assert unit_of(name, pa.array(values).type, np.array(values)) == unit
+
+
+def test_a_number_that_does_not_grow_is_no_time(tmp_path):
+    """Such as the time of a reaction, which the name does not tell from the time of the step."""
+    times = with_times([0.3, 0.2, 0.5, 0.1, 0.3]).rename_columns(["id", "reaction_time", "x", "action"])
+    pq.write_table(times, tmp_path / "a.parquet")
+    assert timestamps(tmp_path / "a.parquet", options=ColumnOptions(id="id")) is None
+
+
+def test_robomimic_says_its_lengths(tmp_path):
+    h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
+    with h5py.File(tmp_path / "lift.hdf5", "w") as file:
+        for name, number in (("demo_0", 3), ("demo_1", 9), ("demo_2", "many")):
+            file[f"data/{name}/actions"] = np.zeros((3, 2))
+            file[f"data/{name}/obs/x"] = np.zeros((3, 2))
+            file[f"data/{name}"].attrs["num_samples"] = number
+    assert read_recording(tmp_path / "lift.hdf5").times().frames == {"demo_0": 3, "demo_1": 9}
+
+
+POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:2776b1487c\nsize 82515\n"
+
+
+def without_videos(root, version):
+    """Three episodes of version 2 with a file each, or of version 3."""
+    return folders.write(root, (5, 6, 7), version, cameras=())
+
+
+@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
+@pytest.mark.parametrize("empty", ["removed", "emptied"])
+def test_meta_without_data_is_said(tmp_path, version, empty):
+    root = without_videos(tmp_path / "drive", version)
+    shutil.rmtree(root / "data")
+    if empty == "emptied":
+        (root / "data").mkdir()
+    for use in (rpil.read, rpil.open):
+        with pytest.raises(DataError, match=r"data set of LeRobot of 3 episodes, and no Parquet file is in data"):
+            use(root)
+
+
+def test_pointers_of_git_lfs_are_named(tmp_path):
+    root = without_videos(tmp_path / "drive", "v2.1")
+    for file in [*(root / "data").rglob("*.parquet"), *(root / "meta").glob("*.jsonl")]:
+        file.write_bytes(POINTER)
+    with pytest.raises(DataError, match=r"episode_000000\.parquet: it is a pointer of Git LFS"):
+        formats.read_recording(root)
+    (tmp_path / "lift.npz").write_bytes(POINTER)
+    with pytest.raises(DataError, match="pointer of Git LFS"):
+        rpil.read(tmp_path / "lift.npz")
+
+
+def test_numbers_as_text_and_nested_names_are_read(tmp_path):
+    root = lerobot(tmp_path)
+    features = {name: {"shape": [2], "names": [["a", "b"]]} for name in ("observation.state", "action")}
+    change_info(root, fps="25", total_frames="15", features=features)
+    description = formats.read_recording(root).description
+    note = "25 frames a second are declared, and count here; by the timestamps it is 30."
+    assert (description.fps, description.notes) == (25, (note,))
+    assert description.observations == ("state.a", "state.b")
+
+
+@pytest.mark.parametrize(("n", "words"), [(1, "1 camera is not used: "), (2, "2 cameras are not used: ")])
+def test_cameras_that_were_not_used_are_counted(tmp_path, n, words):
+    root = lerobot(tmp_path)
+    features = {f"observation.images.{k}": {"dtype": ("image", "video")[k]} for k in range(n)}
+    change_info(root, features=features)
+    assert any(words in note for note in formats.read_recording(root).description.notes)
+
+
+def test_paths_are_filled_without_running_what_they_say():
+    template = "videos/chunk-{chunk_index:03d}/{video_key}/{episode_index}.mp4"
+    assert fill(template, 7, 12, "front") == "videos/chunk-007/front/12.mp4"
+    for template in ("{file_index.__class__}", "{file_index:0999999999d}", "{file_index!r}"):
+        assert fill(template, 1, 1) == template
+    with pytest.raises(KeyError):
+        fill("{secret}", 1, 1)

@@ -8,7 +8,7 @@ from rpil.formats import registry
 from rpil.formats.format import Format
 from rpil.formats.recording import from_demonstrations
 from rpil.formats.registry import find
-from samples import assert_same_on_disk
+from samples import assert_same_on_disk, lerobot
 
 
 def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
@@ -17,16 +17,31 @@ def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
         "mine",
         claims=lambda path: path.read_text() == "mine",
         read=lambda path, options: from_demonstrations(toy, "mine"),
-        keep=lambda *given: kept.append(given[:3]),
+        keep=lambda path, output, ids, options: kept.append((path, ids)) or output.touch(),
     )
     monkeypatch.setattr(registry, "FORMATS", [own, *registry.FORMATS])
     mine, other = tmp_path / "mine.csv", tmp_path / "other.csv"
     mine.write_text("mine")
     other.write_text("episode_index,action,observation.x\n0,a,1\n")
     assert formats.read_recording(mine).description.format == "mine"
-    find(mine).keep(tmp_path / "out.csv", [1])
-    assert kept == [(mine, tmp_path / "out.csv", [1])]
+    find(mine).keep(tmp_path / "out.csv", [0])
+    assert kept == [(mine, {"0"})]
+    assert (tmp_path / "out.csv").exists()
     assert rpil.read(other).ids == (0,)
+
+
+@pytest.mark.parametrize("name", ["out.csv", "out.hdf5", "out.zip"])
+def test_a_folder_is_no_file(tmp_path, name):
+    with pytest.raises(DataError, match="the data are a folder, so name a folder"):
+        find(lerobot(tmp_path)).keep(tmp_path / name, ["0"])
+
+
+@pytest.mark.parametrize("address", ["s3://KEY:HIDDEN@bucket/data", "https://a.org/x.csv?token=HIDDEN", "hf://a/b/c"])
+def test_addresses_are_not_read_and_their_secrets_not_shown(address):
+    with pytest.raises(
+        DataError, match=rf"^{address.partition('://')[0]}://\.\.\.: addresses are not read; download the"
+    ):
+        find(address)
 
 
 PACKAGE = """

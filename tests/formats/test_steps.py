@@ -104,6 +104,12 @@ def test_copies_are_removed_with_their_rows(tmp_path, monkeypatch):
     assert not list((tmp_path / "temporary").iterdir())
 
 
+def test_small_blocks_open_a_batch_once():
+    file = steps.ArrowFile.of(iter([pa.table({"x": np.arange(21.0)})]), "made")
+    assert file.batch(1, ["x"]) is file.batch(1, ["x"])
+    assert file.batch(2, ["x"])["x"].to_pylist() == np.arange(14.0, 21).tolist()
+
+
 def test_what_takes_too_much_memory_goes_to_disk(tmp_path, caplog):
     (tmp_path / "a.csv").write_text(table(["a"] * 400 + ["b"] * 400, [0, 1] * 400))
     assert not isinstance(read_recording(tmp_path / "a.csv", on_disk=None).demonstrations, Dataset)

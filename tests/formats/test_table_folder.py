@@ -13,6 +13,10 @@ from samples import lerobot
         ("drive_0.mcap", r"a recording of ROS or MCAP \(drive_0.mcap\) is never opened.*choose one rate"),
         ("drive.xlsx", r"a workbook \(drive.xlsx\) .*; export its table as CSV or Parquet"),
         ("drive.csv.gz", r"a packed table \(drive.csv.gz\) is never opened; unpack it with gunzip"),
+        (
+            "frame.pickle",
+            r"a pickle \(frame.pickle\) is never opened; it can run any code: write a frame with df\.to_parq",
+        ),
         ("kuka-train.tfrecord-00000-of-00002", "a data set of RLDS or TFDS .* with openx2lerobot"),
     ],
 )
@@ -21,6 +25,18 @@ def test_what_is_to_be_converted_first_is_named_with_the_way(tmp_path, name, mes
     for path in (tmp_path, tmp_path / name):
         with pytest.raises(DataError, match=message):
             formats.read_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("given", "file"), [("set", "main_data.hdf5"), ("set", "0/part-0.arrow"), ("set/data", "0/part-0.parquet")]
+)
+def test_a_folder_of_minari_is_refused_with_the_way_to_go(tmp_path, given, file):
+    data = tmp_path / "set" / "data"
+    (data / "0").mkdir(parents=True)
+    (data / "metadata.json").write_text('{"data_format": "parquet", "total_episodes": 1}')
+    (data / file).write_bytes(b"PAR1")
+    with pytest.raises(DataError, match=r"it is a data set of Minari; read it in Python, by rpil\.read\(minari\."):
+        formats.read_recording(tmp_path / given)
 
 
 def test_a_packed_table_beside_others_is_refused(tmp_path):

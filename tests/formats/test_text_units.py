@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import random
 
-import pytest
-
 import rpil
 from rpil.data.errors import DataError
 
@@ -79,12 +77,6 @@ def lost(folder, seeds):
         if n != units(damaged):
             found.append((seed, name, n, units(damaged)))
     return found
-
-
-@pytest.mark.parametrize(("name", "text"), SAMPLES)
-def test_samples_are_read_whole(name, text, tmp_path):
-    (tmp_path / name).write_text(text)
-    assert read(tmp_path / name) == units(text)
 
 
 def test_no_row_of_a_mutant_is_lost_in_silence(tmp_path):

@@ -11,7 +11,7 @@ from scipy.special import expit
 from hand_made import Written, groups_of, same_actions, scores_of, scoring_of
 from problems import fit_data_of, make, make_continuous
 from rpil.data.copies import Copies
-from rpil.data.demonstrator_groups import Demonstrators
+from rpil.data.fit_data import Demonstrators
 from rpil.inference import trust as module
 from rpil.inference.answered import answer
 from rpil.inference.answers import Answers
@@ -23,7 +23,7 @@ from rpil.inference.scores import Scoring
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import Judgement, judge, repeated, score_by_best_group
 from rpil.mixture.demonstrator_prior import demonstrator_posterior
-from rpil.results.settings import AuditSettings
+from rpil.results.judged import AuditSettings
 from rpil.results.summary import audit_from_judgement
 from rpil.results.vocabulary import SIDES
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from itertools import product
 
 import numpy as np
 import pytest
 from scipy.special import log_expit, logsumexp
 
-from rpil.data.demonstrator_groups import Demonstrators
+from rpil.data.fit_data import Demonstrators
 from rpil.mixture.demonstrator_prior import demonstrator_posterior, trust_by_demonstrator
 from rpil.mixture.settings import DemonstratorSettings
 
@@ -58,19 +57,9 @@ def test_shrinkage_by_the_number_of_demonstrations():
     assert high[2] - low[2] > high[0] - low[0]
 
 
-def test_demonstrators_that_do_not_differ_change_nothing():
-    demonstrators = Demonstrators.from_names("aabb")
-    settings = DemonstratorSettings(spreads=(0.0,))
-    posterior = demonstrator_posterior(demonstrators, np.array([9.0, 9, -9, -9]), np.zeros(4, dtype=int), settings)
-    np.testing.assert_allclose(posterior.log_odds, 0.0, atol=1e-9)
-    np.testing.assert_allclose(posterior.intervals(), 0.5)
-
-
 def test_infinite_log_ratios_give_no_nan():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        demonstrators, ratio = Demonstrators.from_names("aab"), np.array([np.inf, -np.inf, 0.0])
-        posterior = demonstrator_posterior(demonstrators, ratio, np.zeros(3, dtype=int), DemonstratorSettings())
+    demonstrators, ratio = Demonstrators.from_names("aab"), np.array([np.inf, -np.inf, 0.0])
+    posterior = demonstrator_posterior(demonstrators, ratio, np.zeros(3, dtype=int), DemonstratorSettings())
     assert not np.isnan(np.concatenate([posterior.log_odds, posterior.weight.ravel()])).any()
 
 
@@ -93,10 +82,13 @@ def test_a_label_says_what_its_own_demonstration_is():
     assert found[0] > 0.1 > -0.1 > found[4]
 
 
-def test_demonstrators_without_information_change_nothing():
+def test_demonstrators_that_do_not_differ_or_tell_nothing_change_nothing():
+    ratio, settings = np.array([9.0, 9, -9, -9]), DemonstratorSettings(spreads=(0.0,))
+    posterior = demonstrator_posterior(Demonstrators.from_names("aabb"), ratio, np.zeros(4, dtype=int), settings)
+    np.testing.assert_allclose(posterior.log_odds, 0.0, atol=1e-9)
+    np.testing.assert_allclose(posterior.intervals(), 0.5)
     for names in (Demonstrators(), Demonstrators.from_names("aaaa"), Demonstrators.from_names("abcd")):
-        found, trust = trust_by_demonstrator(
-            names, np.ones(4), np.zeros(4, dtype=int), np.arange(4), DemonstratorSettings()
-        )
+        given = np.ones(4), np.zeros(4, dtype=int), np.arange(4), DemonstratorSettings()
+        found, trust = trust_by_demonstrator(names, *given)
         assert not found.any()
         assert trust.shape == (0, 3)

@@ -12,19 +12,19 @@ from rpil.data.fit_data import FitData
 from rpil.estimators.pipeline import judged_starts
 from rpil.estimators.settings import Settings
 from rpil.mixture.search import SearchSettings, fit_mixture, starts
-from rpil.mixture.settings import MixtureSettings, MStep
+from rpil.mixture.settings import MixtureSettings
 from rpil.policies.softmax import SoftmaxPolicy
 
 STEPS = (40, 60)
 
 
-def setting_for(problem: FitData, mode: MStep = "joint", seed: int = 0) -> SearchSettings:
+def setting_for(problem: FitData) -> SearchSettings:
     policy = SoftmaxPolicy.zero(problem.space.n, ridge(problem) / 100)
-    return SearchSettings(policy, MixtureSettings(m_step=mode), partial(judged_starts, problem, Settings()))
+    return SearchSettings(policy, MixtureSettings(m_step="joint"), partial(judged_starts, problem, Settings()))
 
 
-def fitted(problem: FitData, which="uniform", seed: int = 0):
-    return fit_mixture(problem, setting_for(problem, seed=seed), which)
+def fitted(problem: FitData, which="uniform"):
+    return fit_mixture(problem, setting_for(problem), which)
 
 
 def right(toy: Toy, log_odds: np.ndarray) -> bool:
@@ -91,9 +91,9 @@ def test_long_bad_demonstrations_do_not_win():
 @pytest.mark.slow
 def test_the_same_seed_and_several_threads_change_no_bit(monkeypatch):
     problem = make("noisy", 0).problem()
-    one = fitted(problem, "confusion", 3)
+    one = fitted(problem, "confusion")
     monkeypatch.setattr("rpil.numerics.parallel.THREADING_MIN_SIZE", 0)
-    several = fitted(problem, "confusion", 3)
+    several = fitted(problem, "confusion")
     np.testing.assert_array_equal(one.posterior.log_odds, several.posterior.log_odds)
     np.testing.assert_array_equal(one.state.policy.weights, several.state.policy.weights)
     np.testing.assert_array_equal(one.history, several.history)

@@ -49,15 +49,11 @@ def test_fit_softmax_survives_nearly_equal_columns():
     assert fit.objective - again.objective <= 1e-6
 
 
-def test_fit_softmax_returns_objective_and_log_proba_at_the_weights():
+def test_fit_softmax_ends_where_the_gradient_is_zero_and_returns_what_is_true_of_the_weights():
     features, targets, penalty = soft_problem(0)
     fit = fit_softmax(features, targets, penalty, until(max_iter=2))
     assert fit.objective == pytest.approx(objective(fit.weights, features, targets, penalty), rel=1e-12)
     np.testing.assert_allclose(fit.log_proba, log_softmax(features @ fit.weights, axis=1), atol=1e-12)
-
-
-def test_fit_softmax_ends_where_the_gradient_is_zero():
-    features, targets, penalty = soft_problem(0)
     fit = fit_softmax(features, targets, penalty, until(tol=1e-10))
     assert np.abs(slope(fit.weights, features, targets, penalty)).max() <= 1e-9 * targets.sum()
 
@@ -115,7 +111,7 @@ def test_lbfgs_steps_reach_the_optimum():
     assert objective(weights, *problem) == pytest.approx(best, rel=1e-8)
 
 
-def test_a_sample_preconditioner_inverts_the_whole_hessian():
+def test_a_sample_preconditioner_inverts_the_whole_hessian_and_a_radius_bounds_every_entry_of_the_step():
     features, targets, penalty = soft_problem(6)
     penalty = penalty + 0.1
     proba, weight = softmax(features[:, :3], axis=1), targets.sum(axis=1)
@@ -124,12 +120,6 @@ def test_a_sample_preconditioner_inverts_the_whole_hessian():
     direction -= direction.mean(axis=1, keepdims=True)  # which no step changes
     product = hessian_product(features, proba, weight, direction) + penalty[:, None] * direction
     np.testing.assert_allclose(precondition(product), direction, atol=1e-5)
-
-
-def test_a_finite_radius_bounds_every_entry_of_the_step():
-    features, targets, penalty = soft_problem(6)
-    proba, weight = np.full(targets.shape, 1 / 3), targets.sum(axis=1)
-    precondition = Preconditioner(features, proba, weight, penalty, unseen_curvature=1.0)
     residual = 1e4 * np.random.default_rng(0).normal(size=(5, 3))
     assert np.abs(precondition(residual)).max() > 0.5
     for radius in (0.5, 0.01):

@@ -41,6 +41,7 @@ NO_WEIGHT = "The policy KNeighborsClassifier takes no sample_weight, so that tru
     ("policy", "match"),
     [
         (NEIGHBOURS, NO_WEIGHT),
+        (KNeighborsRegressor(), "KNeighborsRegressor takes no sample_weight"),
         (make_pipeline(StandardScaler(), NEIGHBOURS), NO_WEIGHT),
         (GridSearchCV(make_pipeline(StandardScaler(), NEIGHBOURS), {}), NO_WEIGHT),
         (RIDGE, "The policy RidgeClassifier has no predict_proba; give one that has"),
@@ -52,12 +53,7 @@ NO_WEIGHT = "The policy KNeighborsClassifier takes no sample_weight, so that tru
 def test_what_cannot_be_a_policy_is_refused_before_any_work(policy, match, monkeypatch):
     monkeypatch.setattr("rpil.estimators.pipeline.judge", lambda *_: pytest.fail("too late"))
     with refused(match):
-        RPIL(policy=policy).fit(demonstrations())
-
-
-def test_regressors_without_weights_are_refused():
-    with refused("KNeighborsRegressor takes no sample_weight"):
-        RPIL(policy=KNeighborsRegressor()).fit(demonstrations(True))
+        RPIL(policy=policy).fit(demonstrations(isinstance(policy, KNeighborsRegressor)))
 
 
 @pytest.mark.parametrize(

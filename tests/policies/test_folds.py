@@ -12,14 +12,11 @@ from problems import fit_data_of, make, make_continuous
 from rpil.policies.folds import deal, out_of_fold, pieces
 
 
-def test_fold_of_a_demonstration_does_not_depend_on_the_order():
-    for problem in (fit_data_of(make("noisy", 1, steps=(30, 30))), fit_data_of(make_continuous("noisy", 1))):
-        order = np.random.default_rng(0).permutation(problem.n_demonstrations)
-        np.testing.assert_array_equal(deal(problem, 5, 0)[order], deal(problem.select(order), 5, 0))
-
-
-def test_fold_of_a_demonstration_does_not_depend_on_names_of_actions():
+def test_fold_of_a_demonstration_does_not_depend_on_the_order_nor_on_names_of_actions():
     problem = fit_data_of(make("noisy", 1, steps=(30, 30)))
+    for data in (problem, fit_data_of(make_continuous("noisy", 1))):
+        order = np.random.default_rng(0).permutation(data.n_demonstrations)
+        np.testing.assert_array_equal(deal(data, 5, 0)[order], deal(data.select(order), 5, 0))
     for renamed in permutations(range(3)):
         other = replace(problem, actions=np.array(renamed)[problem.actions])
         np.testing.assert_array_equal(deal(other, 5, 0), deal(problem, 5, 0))
@@ -120,16 +117,11 @@ def test_copies_of_a_demonstration_are_in_its_fold_and_folds_stay_balanced(maker
         np.testing.assert_array_equal(fold[order], deal(data.select(order), n_folds, 0))
 
 
-def test_a_demonstration_with_one_other_step_is_no_copy():
+def test_a_demonstration_with_one_other_step_is_no_copy_and_nothing_but_copies_is_dealt_into_all_folds():
     problem = fit_data_of(make("noisy", 1, n_good=12, n_bad=8, steps=(30, 30)))
     data, originals = with_copies(problem, [*range(20)])
     features = data.features.copy()
     features[data.offsets[:-1], 0] += 1e-9 * np.arange(40)  # too small a change for the order, which is rounded
     folds = deal(replace(data, features=features), 5, 0)
     assert any(len(set(folds[originals == m])) == 2 for m in range(20))
-
-
-def test_nothing_but_copies_is_dealt_into_all_folds():
-    problem = fit_data_of(make("noisy", 1))
-    data = problem.select(np.zeros(10, dtype=int))
-    np.testing.assert_array_equal(np.bincount(deal(data, 5, 0)), [2] * 5)
+    np.testing.assert_array_equal(np.bincount(deal(problem.select(np.zeros(10, dtype=int)), 5, 0)), [2] * 5)

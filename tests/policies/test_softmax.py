@@ -19,13 +19,10 @@ def objective(weights, penalty):
     return WEIGHT @ taken - 0.5 * (penalty[:, None] * weights**2).sum()
 
 
-def test_the_zero_policy_is_uniform():
+def test_targets_and_log_probabilities_of_the_actions_taken_and_of_the_zero_policy():
     policy = SoftmaxPolicy.zero(4, np.ones(3))
     np.testing.assert_allclose(np.exp(policy.outputs(np.random.default_rng(0).normal(size=(5, 3)))), 0.25)
     assert policy.penalty() == 0
-
-
-def test_targets_and_log_probabilities_of_the_actions_taken():
     actions = np.array([2, 0])
     np.testing.assert_array_equal(one_hot(actions, np.array([0.5, 2.0]), 3), [[0, 0, 0.5], [2, 0, 0]])
     np.testing.assert_array_equal(at_actions(np.arange(6.0).reshape(2, 3), actions), [2, 3])

@@ -9,13 +9,11 @@ import pytest
 
 from audits import make_audit
 from problems import make, refused
-from rpil import RPIL, DataError, Demonstrations
+from rpil import RPIL, DataError
 from rpil.inference.answers import Answers
-from rpil.inference.findings import FINDINGS
 from rpil.inference.witnesses import Witnesses
-from rpil.results.answering import NOT_USED, doubts_of_witnesses, shown_proba, with_answers
+from rpil.results.answering import doubts_of_witnesses, shown_proba, with_answers
 from rpil.results.record import Audit
-from rpil.results.vocabulary import VOCABULARIES
 
 TOY = make("random", 2, n_good=9, n_bad=4, steps=(20, 20))
 LABELS = {"d0": "good", "d1": "good", "d9": "bad", "d10": "bad"}
@@ -69,18 +67,6 @@ def test_ties_of_an_audit_are_those_of_a_fit(audit):
         RPIL(adversary="uniform").fit(TOY.demonstrations, labels=words[:1])
 
 
-def test_answers_in_turn_are_answers_at_once(audit):
-    one = audit.answered({"d0": "good", "d9": "good"}).answered({"d9": "bad"}, [("d3", "d8")])
-    both = audit.answered({"d0": "good", "d9": "bad"}, [("d3", "d8")])
-    np.testing.assert_array_equal(one.log_odds, both.log_odds)
-    assert one.assumptions == both.assumptions
-    assert both.labelled == ("d0", "d9")
-    assert "P(good) is learned from 2 labels, 1 pair, each of which may be wrong." in both.assumptions
-    assert both.assumptions[:2] == (FINDINGS["answered"], VOCABULARIES["answers"].explanation)
-    assert NOT_USED in audit.assumptions
-    assert NOT_USED not in both.assumptions
-
-
 ONE_ANSWER = "One answer alone does not make other demonstrations good or bad; give a second one."
 
 
@@ -110,31 +96,6 @@ def test_of_one_side_outliers_stay_and_once_answers_contrast_nothing_of_before_d
 def test_no_answer_changes_nothing(audit):
     assert audit.answered() is audit
     assert audit.answered({}, []) is audit
-
-
-def test_unusable_answers_are_refused_in_one_sentence(audit):
-    with refused("no demonstration is called 'nobody'"):
-        audit.answered({"nobody": "good"})
-    with refused("two answers contradict each other; keep one answer"):
-        audit.answered({}, [("d0", "d1"), ("d1", "d0")])
-
-
-@pytest.fixture(scope="module")
-def copied() -> Audit:
-    """An audit in which the last demonstration is a copy of the first."""
-    episodes = list(TOY.demonstrations)
-    return RPIL().fit(Demonstrations.from_episodes([*episodes, episodes[0]])).audit_
-
-
-def test_labels_of_copies_are_counted_once(copied):
-    first, last = copied.ids[0], copied.ids[-1]
-    both = copied.answered({first: "good", last: "good"})
-    assert both.doubts == (ONE_ANSWER,)
-    assert both.assumptions[-1] == "P(good) is learned from 1 label, each of which may be wrong."
-    said = [one for one in both.answered({copied.ids[1]: "good"}).assumptions if "is learned from" in one]
-    assert said == ["P(good) is learned from 2 labels, each of which may be wrong."]
-    with refused("a copy of it, bad; change one of the labels"):
-        copied.answered({first: "good", last: "bad"})
 
 
 def test_a_named_adversary_learns_from_labels_in_a_fit_alone():
@@ -204,5 +165,5 @@ def test_an_outcome_without_a_name_is_the_outcome():
         (("a", "b"), ("the outcome a", "The outcome b")),
     ):
         first, second = doubts_of_witnesses(said, replace(Answers.none(3), names=names))
-        assert first == f"Nothing else that is known confirms {called[0]}, so that it counts for little."
+        assert first == f"No answer and no other outcome confirms {called[0]}, so it counts for little."
         assert second == f"{called[1]} contradicts the other answers: less of it counts as better."

@@ -10,29 +10,27 @@ import pytest
 
 from audits import make_audit
 from rpil import DataError
-from rpil.data.demonstrator_groups import Demonstrators
+from rpil.data.fit_data import Demonstrators
 from rpil.inference.answered import Answered
 from rpil.inference.answers import Answers
 from rpil.inference.findings import FINDINGS
 from rpil.inference.witnesses import Witnesses
 from rpil.results.answering import (
-    NOT_USED,
     NOTHING_FOLLOWED,
     doubts_of_answers,
     known_demonstrators,
     looking_order,
     rank_demonstrators,
     rejecting_rules,
-    stretch_of,
     verdicts_of,
     where_to_look,
 )
-from rpil.results.reasons import TWO_GROUPS
+from rpil.results.reasons import TWO_GROUPS, worst_stretch
 from rpil.results.record import Demonstrator, Interval
 from rpil.results.vocabulary import VOCABULARIES
 
 OF_GROUPS, OF_ALL = f"{TWO_GROUPS}B is shorter.", "Part 3 rests."
-TRUSTS = "The policy trusts 3 of 6 that agree; two labels turn it."
+TRUSTS = "The policy trusts 3 of 6 that agree; two labels can change this."
 ONE_ANSWER = "One answer alone does not make other demonstrations good or bad; give a second one."
 COLUMNS = np.linspace(1, -1, 6)[:, None] * np.ones((6, 2))
 """From which the first demonstrations seem good."""
@@ -41,8 +39,7 @@ COLUMNS = np.linspace(1, -1, 6)[:, None] * np.ones((6, 2))
 def two_groups(**changes):
     """Six demonstrations, of which the first three are one group and the others another."""
     known = {"finding": "two groups", "identifiable": False, "competing": ((0, 1, 2), (3, 4, 5)), "pair": (0, 3)}
-    said = FINDINGS["two groups"], VOCABULARIES["none"].explanation, OF_GROUPS, OF_ALL, TRUSTS, "Slow.", NOT_USED
-    known |= {"notes": (OF_GROUPS, OF_ALL, TRUSTS), "doubts": ("Slow.",), "assumptions": said}
+    known |= {"notes": (OF_GROUPS, OF_ALL, TRUSTS), "doubts": ("Slow.",), "method": ()}
     return make_audit(("open",) * 6, lengths=[2] * 6, **({"columns": COLUMNS} | known | changes))
 
 
@@ -53,13 +50,18 @@ def sentence(counts):
 @pytest.mark.parametrize("labels", [{0: "good"}, {0: "bad", 4: "bad"}])
 def test_two_groups_are_told_until_answers_contrast(labels):
     audit, words = two_groups(), (FINDINGS["answered"], VOCABULARIES["answers"].explanation)
+    assert audit.assumptions == (
+        FINDINGS["two groups"],
+        VOCABULARIES["none"].explanation,
+        "Lengths and rewards were not used.",
+    )
     one = audit.answered(labels)
     assert (one.identifiable, one.competing, one.notes) == (False, audit.competing, audit.notes)
     count = "1 label" if len(labels) == 1 else "2 labels"
-    assert one.assumptions == (*words, OF_GROUPS, OF_ALL, TRUSTS, sentence(count))
+    assert one.assumptions == (*words, sentence(count))
     for two in (audit.answered({0: "good", 3: "bad"}), audit.answered({0: "good"}).answered({3: "bad"})):
         assert (two.identifiable, two.competing, two.notes) == (True, (), (OF_ALL,))
-        assert two.assumptions == (*words, OF_ALL, sentence("2 labels"))
+        assert two.assumptions == (*words, sentence("2 labels"))
     assert two_groups(identifiable=True).answered({0: "good"}).identifiable
     of_one = two_groups(notes=("All outliers are of one operator, Ann: perhaps a style.",))
     assert (len(of_one.answered({0: "bad"}).notes), of_one.answered({0: "bad", 1: "good"}).notes) == (1, ())
@@ -123,7 +125,7 @@ def test_words_of_answers_stand_above_those_that_stay():
 def test_doubts_of_answers(count, contrast, follows, doubts):
     """And of the outcomes that these do not confirm, or turn."""
     none, known = np.zeros(4, dtype=int), replace(Answers.none(4), outcomes=np.zeros((4, 4)), names=("a", "-b", *"cd"))
-    alone = "Nothing else that is known confirms the outcome {}, so that it counts for little."
+    alone = "No answer and no other outcome confirms the outcome {}, so it counts for little."
     turned = "The outcome d contradicts the other answers: less of it counts as better."
     more = () if count == 1 else (alone.format("-b"), alone.format("c"), turned)
     said = Witnesses(np.zeros((4, 4)), np.array([0.5, 0.4, 0.49, 0.51]), np.array([1.0, 1.0, -1.0, -1.0]))
@@ -155,15 +157,15 @@ def asking(ratio=(), **changes):
 )
 def test_where_to_look(ratio, look_at, where, seconds):
     audit = asking(ratio)
-    assert stretch_of(audit, 0) is None
-    assert stretch_of(audit, 1) == look_at
+    assert worst_stretch(audit.log_ratio(0)) is None
+    assert worst_stretch(audit.log_ratio(1)) == (look_at and tuple(look_at))
     assert where_to_look(audit, 1) == (f"1 (look {where})" if where else "1")
     assert where_to_look(replace(audit, fps=10.0), 1) == (f"1 (look {seconds})" if where else "1")
 
 
 def test_nothing_is_to_see_where_steps_are_not_kept():
     kept = {"step_log_ratio": np.empty(0), "step_weight": np.empty(0)}
-    assert stretch_of(asking(**kept), 1) is None
+    assert worst_stretch(asking(**kept).log_ratio(1)) is None
 
 
 @pytest.mark.parametrize(
@@ -255,7 +257,3 @@ def test_each_rule_rejects_its_own():
     assert rejecting_rules(audit) == expected
     alone = replace(audit, answers=Answers.of_labels(np.minimum(labels, 0)))
     assert rejecting_rules(alone) == ("", "labels", *[""] * 6, "adversary"), "until two answers contrast"
-
-
-def test_three_labels_are_suggested():
-    assert len(make_audit(("open",) * 9).suggest_labels()) == 3

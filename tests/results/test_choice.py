@@ -131,13 +131,6 @@ def test_the_worse_one_of_a_pair_is_named_and_rejected_after_a_second_answer_tha
     assert copied.choice.rejected == {"answers": (1, 2)}
 
 
-def test_a_share_or_a_probability_is_obeyed_in_full():
-    table = {**table_of(["bad"] * 9 + ["good"]), "log_odds": range(10), "expert_proba": [0.05] * 10}
-    table["label"][9] = "bad"
-    for asked, n in ((Asked(share=0.5), 4), (Asked(at_least=0.5), 0)):
-        assert len(choose(table, asked).kept) == n
-
-
 def with_flags(outcome, **changes):
     known = replace(Answers.none(4), outcomes=np.array(outcome)[:, None], names=("success",))
     return make_audit(("open",) * 4, answers=known, **changes)
@@ -206,12 +199,6 @@ def test_labels_are_verdicts(tmp_path):
             kept(table, share=0.5)
 
 
-def test_a_list_with_other_items_than_verdicts_is_refused(tmp_path):
-    (tmp_path / "v.json").write_text(json.dumps([{"id": "1", "verdict": "good"}, "3"]))
-    with pytest.raises(DataError, match="it has no columns id and verdict"):
-        read_verdicts(tmp_path / "v.json")
-
-
 def test_a_table_of_one_row_and_ids_that_only_a_spreadsheet_would_change(tmp_path):
     (tmp_path / "v.json").write_text(json.dumps([{"id": "'=1", "verdict": "open"}]))
     (tmp_path / "v.csv").write_text("id,verdict\n'=1,open\n")
@@ -230,7 +217,10 @@ def test_a_choice_as_lists_and_lines():
 
 
 def test_files_that_are_no_verdicts_are_refused(tmp_path):
-    wrong = {"": "the file is empty", **dict.fromkeys(("[]", "[1]"), "it has no columns id and verdict")}
+    wrong = {
+        "": "the file is empty",
+        **dict.fromkeys(("[]", "[1]", '[{"id": 1, "verdict": "good"}, 3]'), "it has no columns id and verdict"),
+    }
     for text, said in (wrong | {'[{"id": 1, "verdict": "open"}, {"id": 2}]': "JSON .KeyError: 'verdict'"}).items():
         (tmp_path / "v.json").write_text(text)
         with pytest.raises(DataError, match=rf"v\.json: .*{said}"):

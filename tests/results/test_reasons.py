@@ -17,19 +17,13 @@ NO_STRETCH = {"step_log_ratio": np.ones(40), "lengths": [20, 20]}
 
 def test_worst_stretch_has_the_lowest_sum_of_all_stretches() -> None:
     assert worst_stretch(np.array([1.0, -4.9, 1.0])) is None, "that is less than 150 to one"
-    assert worst_stretch(np.array([1.0, -5.1, 1.0])) == (1, 1, pytest.approx(-5.1))
-    assert worst_stretch(np.array([1.0, -6.0, 20.0])) == (1, 1, -6.0), "what comes after it does not begin it"
+    assert worst_stretch(np.array([1.0, -5.0, 1.0])) == (1, 1)
+    assert worst_stretch(np.array([1.0, -6.0, 20.0])) == (1, 1), "what comes after it does not begin it"
     for seed in range(20):
         ratio = np.random.default_rng(seed).normal(0.2, 2.0, 25)
         sums = {(i, j): ratio[i : j + 1].sum() for i in range(25) for j in range(i, 25)}
         lowest = min(sums, key=sums.__getitem__)
-        stretch = worst_stretch(ratio)
-        if sums[lowest] > -MIN_STRETCH:
-            assert stretch is None
-        else:
-            assert stretch is not None
-            assert (stretch.first, stretch.last) == lowest
-            assert stretch.nats == pytest.approx(sums[lowest])
+        assert worst_stretch(ratio) == (None if sums[lowest] > -MIN_STRETCH else lowest)
 
 
 def test_reason_names_the_stretch_of_the_audit() -> None:
@@ -86,15 +80,6 @@ def test_learned_from_outcomes_alone_or_from_answers() -> None:
     told = make_audit(words, **known, answers=answers, labels={3: -1}, step_log_ratio=np.ones(80), lengths=[20] * 4)
     between = "Its score is between those of good and bad ones."
     assert told.reasons == ("Good by your answers about others like it.", between, BAD, "Labelled bad.")
-
-
-def test_answers_about_others_are_the_reason_for_a_demonstration_without_one() -> None:
-    known = {"anchor": "answers", "finding": "answered"}
-    audit = make_audit(("good", "open"), log_odds=np.array([4.0, 1.0]), **known, **NO_STRETCH)
-    assert audit.reasons == (
-        "Good by your answers about others like it.",
-        "Its score is between those of good and bad ones.",
-    )
 
 
 def test_without_outliers_a_reason_is_the_place_in_the_ranking() -> None:

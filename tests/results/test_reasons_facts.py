@@ -8,7 +8,7 @@ import pytest
 from rpil.inference.channels import CHANNELS, normal_scores
 from rpil.results.reasons import RANKS, groups_differ, known_facts, style_in_words
 
-UNKNOWN, LENGTHS = np.empty((4, 0)), np.array([5, 9, 9, 8])
+UNKNOWN = np.empty((4, 0))
 
 
 def columns(n=4, **channels):
@@ -29,7 +29,7 @@ def columns(n=4, **channels):
     ],
 )
 def test_a_fact_is_the_rank_of_its_channel_and_grows_with_its_name(channel, fact, ranks):
-    found = known_facts(columns(**{channel: [1.0, 2.0, 3.0, 50.0]}), LENGTHS, None)
+    found = known_facts(columns(**{channel: [1.0, 2.0, 3.0, 50.0]}), None)
     assert set(found) == set(RANKS)
     assert found[fact] == tuple(ranks), "to six digits"
     assert all(values == pytest.approx([0.5] * 4) for name, values in found.items() if name != fact)
@@ -38,25 +38,12 @@ def test_a_fact_is_the_rank_of_its_channel_and_grows_with_its_name(channel, fact
 def test_ranks_have_six_digits():
     known = columns(3, length=[1.0, 2.0, 3.0])
     for given in (known, known[:, : len(CHANNELS)]):
-        assert known_facts(given, LENGTHS[:3], None)["length"] == (0.166667, 0.5, 0.833333)
+        assert known_facts(given, None)["length"] == (0.166667, 0.5, 0.833333)
 
 
 def test_what_is_not_known_is_left_out():
-    assert known_facts(UNKNOWN, LENGTHS, None) == {}
-    assert known_facts(UNKNOWN, LENGTHS, np.array([7.5, 1.0, 9.0, 2.0])) == {"order": (3, 1, 4, 2)}
-
-
-@pytest.mark.parametrize(
-    ("lengths", "reached"),
-    [
-        ([5, 9, 9, 9], {"time limit": (0, 1, 1, 1)}),
-        ([5, 9, 9, 8], {}),  # two may be of one length by chance
-        ([9, 9, 9, 9], {}),
-        ([1, 2, 3, 4], {}),
-    ],
-)
-def test_the_time_limit_is_the_largest_length_of_several_and_not_of_all(lengths, reached):
-    assert known_facts(UNKNOWN, np.array(lengths), None) == reached
+    assert known_facts(UNKNOWN, None) == {}
+    assert known_facts(UNKNOWN, np.array([7.5, 1.0, 9.0, 2.0])) == {"order": (3, 1, 4, 2)}
 
 
 def test_a_style_names_the_length_and_the_ranks_that_are_far_from_the_middle():

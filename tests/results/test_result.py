@@ -35,16 +35,6 @@ def test_a_copy_of_what_is_labelled_has_its_reason():
     assert not made.reasons[1].startswith("Labelled good")
 
 
-def test_a_demonstration_without_a_word_has_a_place_and_no_probability():
-    log_odds = np.array([3.0, 1.0, -4.0, 2.0])
-    words = ("open", "open", "outlier", "open")
-    audit = make_audit(words, log_odds=log_odds, expert_proba=np.array([0.95, 0.7, 0.02, 0.88]))
-    assert audit.ranks.tolist() == [1, 3, 4, 2]
-    assert [audit.has_proba(m) for m in range(4)] == [False, False, True, False]
-    named = replace(audit, anchor="named adversary", verdicts=("expert", "open", "adversary", "open"))
-    assert named.has_proba(1)
-
-
 def test_demonstrators_are_told_with_their_words_their_style_and_their_trust_if_it_is_known():
     ann, bob = Demonstrator("Ann", Interval(0.8, 0.7, 0.9), (0, 1)), Demonstrator("Bob", None, (2, 3))
     audit = make_audit(("open", "open", "outlier", "open"), lengths=[10, 20, 30, 40], demonstrators=(ann, bob))

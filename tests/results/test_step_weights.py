@@ -13,8 +13,7 @@ import rpil
 from audits import make_audit
 from episode_rows import N, T, episodes
 from hand_made import answers_of
-from problems import make
-from rpil.results.settings import AuditSettings
+from rpil.results.judged import AuditSettings
 from rpil.results.step_weights import balanced, of_demonstrations, takeover_signs, weights_of
 
 FOR_OTHERS = AuditSettings(weighs_for_learner=False)
@@ -160,29 +159,6 @@ def test_a_second_before_a_person_took_over_counts_against_the_policy(fps, n):
     assert takeover_signs(None, offsets, fps) == takeover_signs(np.zeros(60, dtype=bool), offsets, fps) == ()
 
 
-@pytest.fixture(scope="module")
-def parted():
-    """Nine that agree, and five of another policy."""
-    return rpil.RPIL().fit(make("shifted", 1, n_good=9, n_bad=5, steps=(20, 20)).demonstrations).audit_
-
-
-def test_a_learner_trusts_the_larger_of_two_parts_until_two_labels_turn_it(parted):
-    first = (np.arange(14) < 9).astype(float)
-
-    def of_each(audit):
-        return audit.step_weight[audit.offsets[:-1]].tolist()
-
-    assert of_each(parted) == first.tolist()
-    assert {*parted.verdicts} == {"open"}, "an audit does not say who is good"
-    assert parted.notes[-1] == "The policy trusts 9 of 14 that agree; two labels turn it."
-    turned = parted.answered({"d0": "bad", "d10": "good"})
-    assert of_each(turned) == (1 - first).tolist()
-    confirmed = parted.answered({"d0": "good", "d10": "bad"})
-    assert of_each(confirmed) == first.tolist()
-    otherwise = parted.answered({"d0": "good", "d1": "bad"})  # by which nothing else is good or bad
-    assert of_each(otherwise) == [1.0, 0.0, *first[2:]]
-
-
 def with_interventions(flags):
     """Episodes with a column of flags, in which nothing else speaks of a person."""
     return episodes(phase=None, is_human_intervention=np.tile(flags, N))
@@ -228,3 +204,11 @@ def test_a_policy_learns_from_what_a_person_did():
     plain = rpil.RPIL(random_state=0).fit(rpil.open(episodes(phase=None)))
     x = np.zeros((1, 1))
     assert told.predict(x) != plain.predict(x)
+
+
+def test_rows_that_are_called_bad_weigh_nothing_and_the_mean_stays():
+    marks = np.array([[2, 1, 3, -1], [0, 0, 2, 1]])
+    found = weights_of(judged((1,) * 6, replace(answers_of(m=6), marks=marks)))
+    np.testing.assert_allclose(found, np.where(np.isin(np.arange(16), [5, 6]), 0, 16 / 14))
+    every = np.array([[m, 0, length, -1] for m, length in enumerate(LENGTHS)])
+    assert not weights_of(judged((1,) * 6, replace(answers_of(m=6), marks=every))).any()

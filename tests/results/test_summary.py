@@ -11,15 +11,14 @@ from scipy.special import logit
 from audits import make_audit
 from hand_made import answers_of
 from problems import pooled_state
-from rpil.data.demonstrator_groups import Demonstrators
-from rpil.data.fit_data import FitData
+from rpil.data.fit_data import Demonstrators, FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import CHANNELS
 from rpil.inference.outliers import Claims
 from rpil.mixture.em import MixtureFit, Posterior
+from rpil.results.judged import AuditSettings
 from rpil.results.reasons import TWO_GROUPS
 from rpil.results.record import Audit, Interval
-from rpil.results.settings import AuditSettings
 from rpil.results.summary import audit_from_mixture, notes_of, parts_not_judged, whom_it_trusts
 
 SHARE = Interval(0.3, 0.2, 0.4)
@@ -85,8 +84,8 @@ def test_notes_name_the_only_operator_of_all_outliers_or_how_groups_differ():
 @pytest.mark.parametrize(
     ("part", "sentence"),
     [
-        ((1, 1, 1, -1, -1), "The policy trusts 3 of 5 that agree; two labels turn it."),
-        ((-1, -1, 1, -1, -1), "The policy trusts 1 of 5 that agree; two labels turn it."),
+        ((1, 1, 1, -1, -1), "The policy trusts 3 of 5 that agree; two labels can change this."),
+        ((-1, -1, 1, -1, -1), "The policy trusts 1 of 5 that agree; two labels can change this."),
         ((-0.5, -0.5, 0.5, 0.5, 0.5), "Two parts, 3 and 2, act differently; without two labels all are trusted."),
         ((0.5, 0.5, -0.5, -0.5, -0.5), "Two parts, 3 and 2, act differently; without two labels all are trusted."),
         ((0,) * 5, ""),

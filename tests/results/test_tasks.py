@@ -24,27 +24,6 @@ def joined(one=None, other=None, what="tasks", answers=None, **more):
     return join_audits(parts, PLACES, IDS, np.array([0, 1, 2, 5, 8, 10]), answers or Answers.none(5), what, **more)
 
 
-def test_each_demonstration_keeps_what_its_own_task_says():
-    lift, turn = make_audit(), make_audit(ids=[f"t{m}" for m in range(10)])
-    ids = [name for pair in zip(lift.ids, turn.ids, strict=True) for name in pair] + ["alone"]
-    tasks = dict.fromkeys(map(str, lift.ids), "lift") | dict.fromkeys(turn.ids, "turn") | {"alone": "push"}
-    places = split_by_task(ids, tasks)
-    assert places == {"lift": [*range(0, 20, 2)], "turn": [*range(1, 20, 2)], "push": [20]}
-    lengths = [*np.ravel([lift.lengths, turn.lengths], order="F"), 7]
-    offsets = np.concatenate([[0], np.cumsum(lengths)])
-    audit = join_audits({"lift": lift, "turn": turn}, places, ids, offsets, Answers.none(21))
-    assert audit.ids == tuple(ids)
-    for part, rows in ((lift, places["lift"]), (turn, places["turn"])):
-        assert [audit.reasons[m] for m in rows] == [*part.reasons]
-        assert [audit.worst_steps(m) for m in rows] == [part.worst_steps(k) for k in range(10)]
-    assert (audit.verdicts[20], audit.expert_proba[20], audit.reasons[20]) == ("open", 0.5, ALONE)
-    assert audit.finding == lift.finding
-    assert audit.assumptions[0] == (
-        f"Demonstrations are judged within their tasks: lift (10: {lift.finding}), turn (10: {turn.finding}), "
-        "push (1: not judged)."
-    )
-
-
 @pytest.mark.parametrize(("labels", "n_kept"), [((), 12), ("ub", 11), ("av", 11), ("ab", 8)])
 def test_bad_ones_are_kept_until_the_answers_of_their_own_task_contrast(labels, n_kept):
     """4 of 12 are bad, all of the first task; the first label calls one good, the second one bad."""
@@ -95,17 +74,6 @@ def test_answers_of_all_stay_but_for_pairs_of_different_tasks():
     np.testing.assert_array_equal(answers.outcomes.T, [ends.T[0], [7, NAN, 1, NAN, 1], [NAN, NAN, NAN, NAN, 1]])
     assert answers.labels.tolist() == [1, 0, 0, -1, 0]
     assert joined(answers=given).answers.heard is None, "nothing was learned of them"
-
-
-def test_of_a_demonstration_that_is_alone_nothing_is_known():
-    audit = joined()
-    for name in ("log_odds", "from_actions", "from_demonstrator", "from_label", "claimed", "part"):
-        assert getattr(audit, name)[4] == 0
-    assert (audit.expert_proba[4], audit.reliability[4]) == (0.5, 0.5)
-    for name, nothing in (("step_log_ratio", 0.0), ("step_weight", 1.0)):
-        assert getattr(audit, name)[8:].tolist() == [nothing] * 2
-    assert (audit.sessions, audit.within) == ((), "tasks")
-    assert joined(what="sessions").within == "sessions"
 
 
 def test_groups_of_one_task_are_groups_of_all_and_the_first_pair_is_asked():

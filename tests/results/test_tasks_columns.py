@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -54,24 +54,10 @@ def full_audit() -> Audit:
     )
 
 
-def same(one: object, other: object) -> bool:
-    """Whether two values have the same types and the same bits."""
-    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-        return (one.dtype, one.shape, one.tobytes()) == (other.dtype, other.shape, other.tobytes())
-    if is_dataclass(one):
-        names = (field.name for field in fields(one))
-        return type(one) is type(other) and all(same(getattr(one, name), getattr(other, name)) for name in names)
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(same(one[name], other[name]) for name in one)
-    if isinstance(one, tuple):
-        return len(one) == len(other) and all(map(same, one, other))
-    return type(one) is type(other) and one == other
-
-
 def test_no_field_of_the_full_audit_is_its_default():
     audit, default = full_audit(), make_audit()
-    given = ("offsets", "finding", "prior", "adversary", "assumptions", "settings", "anchor", "identifiable")
-    changed = [field.name for field in fields(audit) if same(getattr(audit, field.name), getattr(default, field.name))]
+    given = ("offsets", "finding", "prior", "adversary", "method", "settings", "anchor", "identifiable")
+    changed = [one.name for one in fields(audit) if repr(getattr(audit, one.name)) == repr(getattr(default, one.name))]
     assert set(changed) <= {*given, "verdicts"}
 
 

@@ -2,21 +2,8 @@
 
 from __future__ import annotations
 
-import pytest
-
 from audits import make_audit
-from rpil.results.vocabulary import SIDES, VOCABULARIES, in_numbers
-
-
-@pytest.mark.parametrize("anchor", VOCABULARIES)
-def test_each_vocabulary_names_its_probability_in_one_sentence(anchor):
-    words = VOCABULARIES[anchor]
-    assert words.probability == f"P({'usual' if anchor == 'none' else words.upper})"
-    assert words.explanation.startswith(f"{words.probability} is the probability")
-    assert words.explanation.endswith(".")
-    assert words.explanation.count(". ") == 0
-    upper = "open" if anchor == "none" else "upper"
-    assert [SIDES[word] for word in (words.upper, "open", words.lower)] == [upper, "open", "lower"]
+from rpil.results.vocabulary import in_numbers
 
 
 def test_counts_have_the_words_of_the_audit_and_those_that_occur_from_the_best_to_the_worst():

@@ -107,7 +107,7 @@ def test_only_parameters_and_sums_are_sent(cluster):
     policy, hessian = model.policy_.with_preconditioner(problem, weight, model.policy_.ridge, 1.0)
     _, sums = policy.collect_suff_stats(problem.features, problem.actions, weight)
     policy, _ = policy.m_step(sums, np.inf, hessian, np.empty((0, 2, 0, 0)))
-    assert size(partial(block_statistics, policy=policy)) < 2 * policy.weights.nbytes + 4000
+    assert len(pickle.dumps(partial(block_statistics, policy=policy))) < 2 * policy.weights.nbytes + 4000
     # Sums over the blocks of a shard are added up where they are.
     shards = data.shards(4, SAMPLE.block_steps)
     placed = DaskEngine(cluster, n_shards=2).place(shards[:2])
@@ -119,10 +119,6 @@ def test_only_parameters_and_sums_are_sent(cluster):
 
 def _steps(block: Block) -> tuple[float]:
     return (float(len(block.actions)),)
-
-
-def size(value):
-    return len(pickle.dumps(value))
 
 
 def test_files_that_workers_cannot_read_are_refused(cluster, tmp_path):
@@ -203,15 +199,12 @@ def test_any_error_of_the_cluster_is_one_sentence(error):
         DaskEngine(odd.client).n_shards  # noqa: B018
 
 
-def test_a_cluster_without_workers_is_waited_for_no_longer():
+def test_a_cluster_without_workers_is_waited_for_no_longer_and_errors_of_the_data_pass_as_they_are():
     odd = DaskEngine(Odd(TimeoutError("waited")), n_shards=1).place([[np.ones(3)]])
     odd.client.wait_for_workers = lambda *_: (_ for _ in ()).throw(TimeoutError("no worker came"))
     for call in (partial(odd.total, _steps), partial(DaskEngine(odd.client, n_shards=1).place, [])):
         with refused("The Dask cluster: it was lost .*no worker came"):
             call()
-
-
-def test_errors_of_the_data_pass_a_cluster_as_they_are():
     odd = DaskEngine(Odd(DataError("a.parquet: it has changed.")), n_shards=1).place([[np.ones(3)]])
     with pytest.raises(DataError, match=r"^a\.parquet: it has changed\.$"):
         odd.total(_steps)

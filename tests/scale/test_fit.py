@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from problems import fit_data_of, make
-from rpil.data.demonstrations import Demonstrations
 from rpil.inference.fitted_judge import FittedJudge, fit_ratio
 from rpil.inference.held_out import held_out_model
 from rpil.inference.settings import JudgeSettings
@@ -21,9 +20,7 @@ from small import SMALL, small_rpil
 SETTINGS = JudgeSettings()
 
 
-def demonstrations(kind="random", seed=0, n_good=80, n_bad=40, maker=make):
-    toy = maker(kind, seed, n_good=n_good, n_bad=n_bad, steps=(20, 60))
-    return toy, Demonstrations(toy.observations, toy.actions, toy.offsets, toy.ids)
+DATA = make("random", 0, n_good=80, n_bad=40, steps=(20, 60)).demonstrations
 
 
 def of_sample(kind, indices):
@@ -59,9 +56,8 @@ def test_parts_outside_the_sample_are_by_the_policies_of_its_parts(kind, value):
         return
     explained = []
     for sign in (1, -1):
-        ratio = fit_ratio(
-            sample.data, sample.data.per_step((judged.part == sign).astype(float)), ridge, SETTINGS.held_out
-        )
+        own = sample.data.per_step((judged.part == sign).astype(float))
+        ratio = fit_ratio(sample.data, own, ridge, SETTINGS.held_out)
         explained.append(every.mean_steps(ratio.step_ratios(every.features, every.actions, SETTINGS.held_out)[0]))
     np.testing.assert_allclose(block.side, explained[0] - explained[1])
 
@@ -69,9 +65,8 @@ def test_parts_outside_the_sample_are_by_the_policies_of_its_parts(kind, value):
 def test_a_tie_of_the_sample_is_a_tie_of_all():
     _, every, sample = of_sample("flipped", np.arange(12, 36))  # as many of either
     assert set(np.abs(sample.judgement.part)) == {0.5}
-    block = score_block(
-        (None, every), sample.judge, policies_of_parts(sample.data, sample.judgement, SETTINGS), SETTINGS
-    )
+    parts = policies_of_parts(sample.data, sample.judgement, SETTINGS)
+    block = score_block((None, every), sample.judge, parts, SETTINGS)
     found = judge_everyone(sample, every, [block], SETTINGS).part
     assert set(found[:24]) == {found[0]}
     assert set(found[24:]) == {-found[0]}
@@ -97,13 +92,12 @@ def cut(data, some):
 
 
 def test_shards_hold_every_demonstration_once_in_order():
-    _, data = demonstrations()
     for n_shards in (1, 3, 1000):
-        shards = data.shards(n_shards)
+        shards = DATA.shards(n_shards)
         blocks = [block for shard in shards for block in shard]
         assert len(shards) == min(n_shards, len(blocks))
-        np.testing.assert_array_equal(np.concatenate([p.actions for p in blocks]), data.actions)
-        np.testing.assert_array_equal(np.concatenate([np.diff(p.offsets) for p in blocks]), data.lengths)
+        np.testing.assert_array_equal(np.concatenate([p.actions for p in blocks]), DATA.actions)
+        np.testing.assert_array_equal(np.concatenate([np.diff(p.offsets) for p in blocks]), DATA.lengths)
         assert all(after.demonstrations.start == before.demonstrations.stop for before, after in pairwise(blocks))
         assert blocks[0].first == 0
 
@@ -111,5 +105,5 @@ def test_shards_hold_every_demonstration_once_in_order():
 def test_an_ascent_without_progress_ends():
     said = []
     settings = replace(SMALL, ascent=AscentSettings(tol=0.0))
-    small_rpil(settings=settings, progress=said.append).fit(demonstrations()[1])
+    small_rpil(settings=settings, progress=said.append).fit(DATA)
     assert 10 < sum("over everything, objective" in line for line in said) < 40

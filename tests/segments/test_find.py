@@ -27,18 +27,11 @@ def found_in(family, n=N, **given):
     if family == "takeover":
         given["takeover"] = made.takeover
     found = find_segments(made.demonstrations, **given)
-    return made, found, share_of(made.bad, made.demonstrations, found)
-
-
-@pytest.mark.parametrize("family", ["wrong place", "pause", "takeover", "nobody"])
-def test_segments_tile_every_demonstration(family):
-    made, found, _ = found_in(family)
-    ends = np.append(
-        made.demonstrations.offsets[found.demonstration][1:] + found.start[1:], made.demonstrations.n_steps
-    )
-    assert np.array_equal(made.demonstrations.offsets[found.demonstration] + found.end, ends)
+    first = made.demonstrations.offsets[found.demonstration]  # segments tile every demonstration
+    assert np.array_equal(first + found.end, np.append(first[1:] + found.start[1:], made.demonstrations.n_steps))
     assert (found.end > found.start).all()
     assert len(found.reason) == len(found.kind) == len(found.score)
+    return made, found, share_of(made.bad, made.demonstrations, found)
 
 
 def test_the_order_of_demonstrations_changes_nothing():
@@ -59,19 +52,18 @@ def test_wrong_acts_are_lowest_and_named(family):
     named = np.array([reason != "" for reason in found.reason])
     assert named[bad].mean() > 0.9
     assert named[~bad].sum() <= 1
+    if family == "undone":
+        assert (found.kind[bad] == KINDS.index("back")).all()
+        assert any("undoes it" in reason for reason in found.reason)
 
 
-def test_what_is_undone_is_of_a_kind_of_its_own():
-    _, found, share = found_in("undone", 40)
-    assert (found.kind[share > 0.5] == KINDS.index("back")).all()
-    assert any("undoes it" in reason for reason in found.reason)
-
-
-def test_a_try_beside_the_thing_is_named():
-    _, found, share = found_in("retry")
+def test_a_try_beside_the_thing_is_named_unless_many_do_it_again():
+    made, found, share = found_in("retry")
     is_bad = (share > 0.5) & (found.kind != KINDS.index("idle"))
     said = [reason for reason, bad in zip(found.reason, is_bad, strict=True) if bad]
     assert set(said) == {"moves nothing, and the next act does it again"}
+    all_of_them = find_segments(made.demonstrations, settings=SegmentSettings(few=0.1))
+    assert not any("again" in reason for reason in all_of_them.reason)
 
 
 def test_the_act_before_a_takeover_is_named():
@@ -82,16 +74,9 @@ def test_the_act_before_a_takeover_is_named():
     assert np.array_equal(person, found.kind == KINDS.index("takeover"))
 
 
-def test_what_many_do_again_is_not_named():
-    made = tidied("retry", N, 0).demonstrations
-    all_of_them = find_segments(made, settings=SegmentSettings(few=0.1))
-    assert not any("again" in reason for reason in all_of_them.reason)
-
-
 @pytest.mark.parametrize("family", CLEAN)
 def test_nobody_is_named_where_nothing_is_planted(family):
-    made = tidied(family, 40, 0)
-    assert [reason for reason in find_segments(made.demonstrations).reason if reason] == []
+    assert {*found_in(family, 40)[1].reason} == {""}
 
 
 def test_pauses_are_idle_and_leave_the_score_of_the_act_around_them():
@@ -130,17 +115,12 @@ def acts(n=60, seed=0):
     return rng.uniform(size=(n, 3)), rng.uniform(size=(n, 3)), rng.random((n, 3)) < 0.6, demonstration
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_near_counts_values_of_others(seed):
-    after, before, _, demonstration = acts(seed=seed)
-    at, values = after[:, 0], before[:, 0]
-    others = demonstration[:, None] != demonstration
-    assert np.array_equal(
-        near(at, values, demonstration, 0.1), (others & (np.abs(at[:, None] - values) <= 0.1)).sum(axis=1)
-    )
-
-
-def test_near_never_counts_less_than_none_on_a_grid():
+def test_near_counts_values_of_others_and_never_less_than_none():
+    for seed in range(3):
+        after, before, _, demonstration = acts(seed=seed)
+        at, values = after[:, 0], before[:, 0]
+        counted = (demonstration[:, None] != demonstration) & (np.abs(at[:, None] - values) <= 0.1)
+        assert np.array_equal(near(at, values, demonstration, 0.1), counted.sum(axis=1))
     values = np.repeat(np.arange(8) * 0.03, 4)  # distances that equal the width but for rounding
     assert near(values, values, np.zeros(len(values), dtype=int), 0.03).tolist() == [0] * len(values)
 

@@ -28,8 +28,10 @@ def test_planted_rests_are_found_and_slow_motion_is_none():
     assert np.mean(called) <= 0.01
 
 
-def test_a_gripper_that_closes_is_waited_for():
+def test_a_gripper_that_closes_is_waited_for_and_an_unknown_rule_is_refused():
     made = world(13, plants=False)
+    with pytest.raises(DataError, match="choose rest or openpi"):
+        rpil.idle_rows(made.data, "droid")
     assert (made.data.actions[:, -1] == 1).any()
     assert not rpil.idle_rows(made.data).any()
 
@@ -58,11 +60,6 @@ def test_what_tells_nothing_is_not_idle(actions):
     data = Demonstrations.from_episodes([(own, given()) for own in states])
     for rule in ("rest", *(["openpi"] if actions in ("classes", "noise") else [])):
         assert not rpil.idle_rows(data, rule)[: n - 10 if rule == "openpi" else None].any()
-
-
-def test_an_unknown_rule_is_refused():
-    with pytest.raises(DataError, match="choose rest or openpi"):
-        rpil.idle_rows(world(4).data, "droid")
 
 
 def openpi_ranges(velocity):

@@ -33,14 +33,9 @@ def test_a_label_marks_what_it_shares_half_with(label, expected):
     assert marked(segments(), [label])[:2].tolist() == expected
 
 
-def test_one_side_changes_nothing():
+def test_one_side_changes_nothing_and_two_labels_make_probabilities():
     made = segments()
-    settings = SegmentSettings()
-    assert taught(made, np.zeros((40, 1)), [(0, 0, 10, True), (3, 0, 10, True)], settings) is made
-
-
-def test_two_labels_make_probabilities():
-    made = segments()
+    assert taught(made, np.zeros((40, 1)), [(0, 0, 10, True), (3, 0, 10, True)], SegmentSettings()) is made
     found = taught(made, np.zeros((40, 1)), [(0, 0, 10, False), (19, 10, 20, True)], SegmentSettings())
     assert ((found.score > 0) & (found.score < 1)).all()
     assert np.array_equal(np.argsort(found.score), np.argsort(made.score))

@@ -2,7 +2,8 @@
 
 python -m rpil_outside worlds
 python -m rpil_outside run WORLD --seeds 5 --json out/
-python -m rpil_outside table out/ > outside.md
+python -m rpil_outside night --seeds 3 --json out/
+python -m rpil_outside table out/
 python -m rpil_outside write WORLD CELL SEED FILE.npz
 python -m rpil_outside score FILE.csv WORLD CELL SEED
 """
@@ -28,6 +29,18 @@ from .table import in_points, line, page, read, summarised, table
 if TYPE_CHECKING:
     from .world import World
 
+BEGIN, END = "<!-- by rpil_outside table -->", "<!-- end of what rpil_outside wrote -->"
+TELLING = {
+    "intersection": ("drift 40", "gaussian 40", "overshoot 40"),
+    "early_release": ("one length 75", "shorter 50", "shorter 75"),
+    "push2d": ("accidental 50", "accidental 90", "occlusion 90", "strategy 75"),
+    "metaworld": ("push operators",),
+    "babyai": ("goto 75",),
+    "overcooked": ("cramped_room",),
+    "ocbench": ("block 0.5",),
+}
+"""Of each world the cells in which most was lost before, and some in which the truth gains."""
+
 
 def main(arguments: list[str] | None = None, worlds: Mapping[str, World] | None = None) -> int:
     """Run the command; `worlds` takes the place of those of the package."""
@@ -51,9 +64,14 @@ def parser(worlds: Mapping[str, World]) -> argparse.ArgumentParser:
     running.add_argument("--cells", nargs="+", metavar="CELL", help="some cells only")
     running.add_argument("--columns", nargs="+", choices=COLUMNS, default=list(COLUMNS), metavar="COLUMN")
     running.set_defaults(command=run_world)
+    night = commands.add_parser("night", help="run the telling cells of all worlds, a seed after the other")
+    night.add_argument("--seeds", type=int, default=3, metavar="N", help="seeds 0 to N - 1 (default 3)")
+    night.add_argument("--json", type=Path, required=True, metavar="DIR", help="one file for each cell and seed")
+    night.set_defaults(command=run_night)
     making = commands.add_parser("table", help="print the table of a folder")
     making.add_argument("folder", type=Path)
     making.add_argument("--brief", action="store_true", help="without the table of each world")
+    making.add_argument("--page", type=Path, help="write it into a page, between its two marks")
     making.set_defaults(command=print_table)
     writing = commands.add_parser("write", help="write the demonstrations of a draw, without the truth")
     scoring = commands.add_parser("score", help="score a file with id,score or id,step,score")
@@ -65,7 +83,7 @@ def parser(worlds: Mapping[str, World]) -> argparse.ArgumentParser:
     writing.add_argument("file", type=Path, help=".npz, .parquet or .csv")
     writing.set_defaults(command=write_draw)
     scoring.set_defaults(command=score_file)
-    for each in (running, writing, scoring):
+    for each in (running, night, writing, scoring):
         each.add_argument("--quick", action="store_true", help="small draws and learners: checks the script")
     return top
 
@@ -96,8 +114,29 @@ def run_world(options: argparse.Namespace, worlds: Mapping[str, World]) -> int:
     return 0
 
 
+def run_night(options: argparse.Namespace, worlds: Mapping[str, World]) -> int:
+    """Run the telling cells of each world whose packages are here: all of a seed before the next seed."""
+    here = [world for world in worlds.values() if not lacking(world)]
+    for world in worlds.values():
+        if lacking(world):
+            print(f"{world.name} is left out: it needs {', '.join(lacking(world))}.", file=sys.stderr)
+    for seed in range(options.seeds):
+        for world in here:
+            cells = [checked(world, cell) for cell in TELLING.get(world.name, world.cells)]
+            run(world, cells, [seed], options.json, COLUMNS, options.quick)
+    return 0
+
+
 def print_table(options: argparse.Namespace, worlds: Mapping[str, World]) -> int:
-    print(page(read(options.folder), options.brief), end="")
+    text = page(read(options.folder), options.brief)
+    if options.page is None:
+        print(text, end="")
+        return 0
+    before, _, rest = options.page.read_text(encoding="utf-8").partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not end:
+        raise SystemExit(f"{options.page}: it has no lines {BEGIN} and {END}; write them where the tables belong.")
+    options.page.write_text(f"{before}{BEGIN}\n\n{text}\n{END}{after}", encoding="utf-8")
     return 0
 
 

@@ -33,11 +33,13 @@ def run(
 ) -> None:
     """Run what the folder does not have yet. Each file is whole at any time, and grows by a column."""
     folder.mkdir(parents=True, exist_ok=True)
-    columns = list(columns)
+    columns, now = list(columns), commit()
     for seed in seeds:
         for cell in cells:
             path = folder / f"{slug(world.name)}_{slug(cell)}_{seed}.json"
             found = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+            if found.get("commit", now) != now:
+                raise SystemExit(f"{path}: it is of commit {found['commit']}, not of {now}; give another folder.")
             if found.get("quick", quick) != quick:
                 raise SystemExit(f"{path}: it was run {'without' if quick else 'with'} --quick; give another folder.")
             missing = [name for name in columns if name not in found.get("columns", {})]

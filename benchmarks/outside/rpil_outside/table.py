@@ -16,9 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student
 
 from .columns import COLUMNS
+from .goals import WORTH, gained, goals
+from .intervals import half_widths
 from .peers import ALL, ORACLE
 
 Row = dict[str, Any]
@@ -81,7 +82,7 @@ def summarised(draws: Sequence[Row], column: str) -> Summary | None:
         return None
     means = {cell: float(np.mean(own)) for cell, own in less.items()}
     worst_cell = min(means, key=lambda cell: means[cell], default="")
-    in_cell, of_mean = intervals(less, worst_cell)
+    in_cell, of_mean = half_widths(less, worst_cell)
     aurocs = by_cell(values["auroc"])
     return Summary(
         means.get(worst_cell),
@@ -106,16 +107,6 @@ def by_cell(values: dict[str, list[float]]) -> list[float]:
 def mean(values: Iterable[float]) -> float | None:
     found = list(values)
     return float(np.mean(found)) if found else None
-
-
-def intervals(less: dict[str, list[float]], cell: str) -> tuple[float | None, float | None]:
-    """Half-widths of the 95 % intervals of the mean in a cell, and of the mean over cells; None of a single seed."""
-    freedom = sum(len(own) - 1 for own in less.values())
-    if freedom < 1:
-        return None, None
-    spread = np.sqrt(sum(np.var(own) * len(own) for own in less.values()) / freedom)
-    wide = float(student.ppf(0.975, freedom) * spread)
-    return wide / np.sqrt(len(less[cell])), wide * np.sqrt(sum(1 / len(own) for own in less.values())) / len(less)
 
 
 def line(name: str, found: Summary | None) -> list[str]:
@@ -160,14 +151,18 @@ def of_world(draws: Sequence[Row]) -> str:
     return "\n\n".join([f"## {first['world']}", text, table(rows)])
 
 
-def across(draws: Sequence[Row]) -> str:
-    """Two tables over all worlds: how far each column is from all, and AUROC."""
+def across(draws: Sequence[Row], brief: bool = False) -> str:
+    """Tables over all worlds: how far each column is from all, AUROC, figures of others, and the goals; with `brief`
+    one line for each column, and the goals."""
     worlds = {name: [draw for draw in draws if draw["world"] == name] for name in sorted({d["world"] for d in draws})}
     found: dict[str, dict[str, Summary]] = defaultdict(dict)
     for name, (world, own) in product(COLUMNS, worlds.items()):
         has = [draw for draw in own if name in draw["columns"]]
         if (summary := summarised(has, name)) is not None:
             found[name][world] = summary
+    aims = "Goals.", plain(GOALS, goals(worlds))
+    if brief:
+        return "\n\n".join([run_of(worlds), plain(IN_SHORT, [in_short(draws, *each) for each in found.items()]), *aims])
     moved, ranked = [], []
     for name, own in found.items():
         less = [
@@ -179,29 +174,49 @@ def across(draws: Sequence[Row]) -> str:
     finest = [number(each.detectable, ".0f") for each in in_all(found[ORACLE], worlds)]
     moved.append([f"± of a cell, {ORACLE}", "", *finest, ""])
     header = ["column", "worst", *worlds, f"+{WORTH:.0f} where {ORACLE} has it"]
-    texts = (
-        "Worst cell/mean of cells, in points less all; last, cells that gain where the truth does.",
-        "AUROC, mean of cells.",
-        "Published, and here.",
-    )
     ends = [{world: each.policy for world, each in found[name].items()} for name in (ALL, ORACLE)]
     beside = [[*about(own), *(number(end.get(world), ".1f") for end in ends)] for world, own in worlds.items()]
-    tables = plain(header, moved), plain(["column", *worlds], ranked), plain(BESIDE, beside)
-    return "\n\n".join(part for pair in zip(texts, tables, strict=True) for part in pair)
+    tables = {
+        "Worst cell/mean of cells, in points less all; last, cells that gain where the truth does.": (header, moved),
+        "AUROC, mean of cells.": (["column", *worlds], ranked),
+        "Published, and here.": (BESIDE, beside),
+    }
+    return "\n\n".join([part for text, rows in tables.items() for part in (text, plain(*rows))] + [*aims])
+
+
+IN_SHORT = "column", "worst cell, less all", "±", "in", "mean", f"+{WORTH:.0f} where {ORACLE} has it", "AUROC"
+
+
+def run_of(worlds: Mapping[str, Sequence[Row]]) -> str:
+    """Say how much of each world was run."""
+    return f"Cells x seeds: {', '.join(f'{world} {about(own)[1]}' for world, own in worlds.items())}."
+
+
+def in_short(draws: Sequence[Row], name: str, own: Mapping[str, Summary]) -> list[str]:
+    """The worst cell of a column in all worlds, the mean of its worlds, and where it gains."""
+    driven = {world: each for world, each in own.items() if each.worst is not None}
+    world = min(driven, key=lambda world: driven[world].worst or 0.0, default="–")
+    lowest = driven.get(world, NOTHING)
+    return [
+        name,
+        number(lowest.worst, "+.1f"),
+        number(lowest.detectable, ".1f"),
+        world,
+        number(mean(each.gain for each in driven.values() if each.gain is not None), "+.1f"),
+        of_worth(draws, name),
+        number(mean(each.auroc for each in own.values() if each.auroc is not None), ".2f"),
+    ]
 
 
 NOTHING = Summary(None, "", None, None, None, None, None, None, None)
-WORTH = 10.0
-"""Points that a choice of demonstrations is worth."""
-
-
+GOALS = "goal", "here"
 BESIDE = "world", "cells x seeds", "published", f"here: {ALL}", f"here: {ORACLE}"
 
 
 def about(draws: Sequence[Row]) -> list[str]:
     """The world of these draws, how much of it was run, and the figures of others."""
     cells, seeds = (len({draw[key] for draw in draws}) for key in ("cell", "seed"))
-    return [draws[0]["world"], f"{cells} x {seeds}", draws[0]["published"]]
+    return [draws[0]["world"], f"{cells}x{seeds}", draws[0]["published"]]
 
 
 def whole(value: float | None) -> str:
@@ -214,14 +229,8 @@ def in_all(own: Mapping[str, Summary], worlds: Iterable[str]) -> list[Summary]:
 
 def of_worth(draws: Sequence[Row], name: str) -> str:
     """Of the cells in which the oracle gains `WORTH` points over all, those in which the column does."""
-    gains: dict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
-    for draw in draws:
-        policy = [draw["columns"].get(column, {}).get("policy") for column in (ALL, ORACLE, name)]
-        if None not in policy:
-            gains[draw["world"], draw["cell"]].append((policy[1] - policy[0], policy[2] - policy[0]))
-    means = [np.mean(own, axis=0) for own in gains.values()]
-    worth = [gain for most, gain in means if most >= WORTH]
-    return f"{sum(gain >= WORTH for gain in worth)}/{len(worth)}"
+    count, most = gained(draws, name)
+    return f"{count}/{most}"
 
 
 def plain(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -229,11 +238,22 @@ def plain(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (header, rule, *rows))
 
 
+def finished(draws: Sequence[Row]) -> list[Row]:
+    """The draws that have as many columns as any of their world: columns are compared over the same draws."""
+    most = {
+        world: max(len(d["columns"]) for d in draws if d["world"] == world) for world in {d["world"] for d in draws}
+    }
+    return [draw for draw in draws if len(draw["columns"]) == most[draw["world"]]]
+
+
 def page(draws: Sequence[Row], brief: bool = False) -> str:
-    """All worlds that were run, and which commit they are of; `brief` leaves out the table of each world."""
+    """All worlds that were run, and which commit they are of; `brief` leaves out AUROC and the table of each world."""
     if not draws:
         raise SystemExit("nothing was run yet; see python -m rpil_outside run --help")
-    commits = sorted({str(draw["commit"]) for draw in draws})
+    commit, *others = sorted({str(draw["commit"]) for draw in draws})
+    if others:
+        raise SystemExit(f"the figures are of commits {commit}, {', '.join(others)}; run them on one.")
+    draws = finished(draws)
     worlds = list(dict.fromkeys(draw["world"] for draw in draws))
     sections = [] if brief else [of_world([draw for draw in draws if draw["world"] == world]) for world in worlds]
-    return "\n\n".join([f"Commit {', '.join(commits)}.", across(draws), *sections]) + "\n"
+    return "\n\n".join([f"Commit {commit}.", across(draws, brief), *sections]) + "\n"

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     "--fail-on",
     callback=verdict_limit,
     metavar="outlier|bad[:N]",
-    help="Exit with code 1 where more than N demonstrations, by default 0, are outliers or bad.",
+    help="Exit with code 1 if more than N demonstrations (default: 0) are outliers or bad.",
 )
 @click.option(
     "--annotate",
@@ -77,7 +77,7 @@ def audit(
 ) -> int:
     """Print which demonstrations differ from the rest, or are bad, the lowest scores first.
 
-    It fits no final policy; its verdicts are those of rpil fit.
+    It fits no final policy; rpil fit has the same verdicts.
     """
     outputs = {title: options.pop(title) for title in commands.OUTPUTS}
     lists = outputs["keep"] is not None or outputs["ranges"] is not None
@@ -111,14 +111,14 @@ def audit(
         found = [*exchange.of_audit(result), *exchange.of_faults(faults.findings)]
         click.echo(exchange.written(form, found, file, "rpil audit", headline(result)))
     else:
-        within = fit(result.assumptions[0], line_width(), 2) if result.within else ()
+        within = fit(result.method[0], line_width(), 2) if result.within else ()
         head = recording.description.short() if all_rows else head_lines(recording.description)
         print_audit(result, [*head, *within, ""], faults, closing_lines(ctx, result), all_rows)
     for title, lines in said.items():
         click.echo(f"{title.capitalize()}: {outputs[title]}", err=form != "text")
         if form == "text" and not given.quiet:
             print_lines(lines)
-    return commands.tell_if_too_many(result, fail_on)
+    return commands.tell_if_too_many(result, fail_on) if fail_on else 0
 
 
 def closing_lines(ctx: click.Context, audit: Audit) -> list[str]:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
     from rpil.formats.recording import Recording
 
-FAIL_ON = "Exit with code 1 where one of these rules finds a fault, or a fault of this grade or a worse one, or any."
+FAIL_ON = "Exit with code 1 if one of these rules finds a fault, or if there is a fault of this grade or worse."
 MAX_FINDINGS = 30
 """Findings that are printed."""
 
@@ -35,7 +35,7 @@ MAX_FINDINGS = 30
     "--expected",
     type=click.Path(),
     metavar="FILE",
-    help="Findings that are expected, and left out: JSON of rule to a list of ids.",
+    help="Leave out these expected findings: JSON of rule to a list of ids.",
 )
 @click.option(
     "-o",
@@ -45,7 +45,7 @@ MAX_FINDINGS = 30
 )
 @click.option("--fail-on", metavar="RULE[,RULE]|broken|suspect|any", help=FAIL_ON)
 @click.option("--fps", type=click.FloatRange(0, min_open=True), help="Frames a second, if the recording does not say.")
-@click.option("--video", is_flag=True, help="Also look at the videos of a folder of LeRobot; needs the extra video.")
+@click.option("--video", is_flag=True, help="Also check the videos of a LeRobot folder; needs the extra video.")
 @format_option
 @quiet_option
 @with_options(*COLUMN_OPTIONS)
@@ -104,18 +104,6 @@ def _rules(fail_on: str | None) -> set[str]:
     return rules
 
 
-def print_set(recording: Recording, file: str, form: str) -> None:
-    """Print the set in one table."""
-    from rpil.faults.checking import check as find_faults
-    from rpil.faults.set_table import set_table
-
-    found = set_table(recording, find_faults(recording), file)
-    if form == "json":
-        click.echo(terminal.to_json(found.to_dict(), "set"))
-    else:
-        click.echo("\n".join(found.lines()))
-
-
 def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str]:
     """A report in lines: the number of findings by rule, the worst findings, what is usual and what was not checked."""
     from rpil.faults.report import NUMBERS
@@ -126,7 +114,7 @@ def fault_lines(report: FaultReport, n_findings: int = MAX_FINDINGS) -> list[str
         lines += ["", *(f"  {k:>6,}  {NUMBERS[rule]}  {rule}" for rule, k in counts)]
     if shown := report.lines[:n_findings]:
         width = max(len(printable(fault.id)) for fault in shown)
-        lines += ["", "The worst first:" if n > 1 else "It is:"]
+        lines += ["", "The worst first:" if n > 1 else "The finding:"]
         lines += [f"  {printable(f.id) or '-':<{width}}  {f.rule}: {terminal.to_one_line(f.sentence)}" for f in shown]
     if len(report.lines) > len(shown):
         lines.append(f"  ... and {len(report.lines) - len(shown):,} more; --format json prints all")

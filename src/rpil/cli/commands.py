@@ -9,8 +9,9 @@ import os
 import shlex
 import sys
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -165,8 +166,6 @@ def judge(file: str, given: RunOptions, progress: StageProgress) -> AuditRun:
     read by the same columns; then the data are read into memory."""
     columns, reference = given.columns, given.reference
     recording, beside = open_recording(file, columns, progress, None if reference is None else False), None
-    if columns.only and reference is None and len(recording.demonstrations) == 1:
-        raise DataError(f"{file}: one demonstration alone cannot be judged; rpil convert --only writes it as it is.")
     if reference is not None:
         if os.path.realpath(reference) == os.path.realpath(file):
             raise DataError(f"{reference}: the reference is the data themselves; give other demonstrations.")
@@ -196,7 +195,10 @@ def look_for_faults(
     progress("looking for recording faults")
     wanted = {*rules}
     looks, reads = (any(rule.name in wanted for rule in some) for some in (BY_LOOKING, FOLDER_RULES))
-    return check(recording if reads else replace(recording, find_defects=None), video=looks, skip_bad=skip_bad)
+    if not reads:
+        recording = copy(recording)  # with the demonstrations, which are read
+        vars(recording)["find_defects"] = None
+    return check(recording, video=looks, skip_bad=skip_bad)
 
 
 OUTPUTS = ("ranges", "segments", "weights", "verdicts", "keep", "report", "annotate")
@@ -236,8 +238,8 @@ def _write(title: str, path: str, run: AuditRun) -> list[str]:
         steps = audit.ids, audit.offsets, audit.step_weight, audit.expert_proba, audit.log_odds
         write_weights(path, *steps, run.recording.step_columns)
         if audit.step_weight.min() == audit.step_weight.max():
-            why = "because nothing says who is good; two answers do, one good and one bad"
-            warnings.warn(f"{path}: every step weighs the same, {why}.", stacklevel=1)
+            why = "every step weighs the same, until you call one demonstration good and another bad"
+            warnings.warn(f"{path}: {why}.", stacklevel=1)
     elif title == "verdicts":
         findings = run.faults.findings if run.faults else ()
         write_verdicts(path, audit, audit.table(run.demonstrators, run.recording.tasks, findings))
@@ -296,23 +298,12 @@ def choice_asked(
     return Asked(share, at_least, faulty)
 
 
-def look_lines(audit: Audit, choice: Choice, report: FaultReport | None = None) -> Iterator[str]:
-    """The demonstrations to look at, and the question, until answers contrast."""
-    from rpil.results.overview import first_sentence
-
-    if choice.asked.by_number or audit.anchor == "named adversary" or audit.answers.once(audit.copy_of).contrast:
-        return
-    yield first_sentence(audit, report.odd if report else ())
-    if audit.question:
-        yield audit.question
-
-
-def tell_if_too_many(audit: Audit, limit: str | None) -> int:
+def tell_if_too_many(audit: Audit, limit: str) -> int:
     """The exit code under a `verdict_limit`: 1, with a line on stderr, if more are outliers or bad than allowed."""
-    (verdict, _, most), lower = (limit or "").partition(":"), audit.vocabulary.lower
+    (verdict, _, most), lower = limit.partition(":"), audit.vocabulary.lower
     # Those called outliers without an answer are not bad; those called bad differ from the good ones.
     count = sum(SIDES[one] == "lower" and (verdict == "outlier" or one != "outlier") for one in audit.verdicts)
-    if limit is None or count <= int(most or 0):
+    if count <= int(most or 0):
         return 0
     who = f"{count:,} of {len(audit.ids):,} demonstrations are {PLURALS.get(lower, lower)}"
     click.echo(f"rpil: {who}, and --fail-on {limit} allows {int(most or 0):,}.", err=True)

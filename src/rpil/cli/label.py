@@ -22,7 +22,8 @@ from rpil.cli.audit import print_finding
 from rpil.cli.options import LABEL_OPTIONS, LABELS_FILE, RunOptions, Value, command_words, with_options
 from rpil.cli.terminal import show_stages
 from rpil.data.errors import DataError
-from rpil.data.folders import is_dangling
+from rpil.data.files import is_dangling
+from rpil.data.json_files import LARGEST_TABLE, read_json
 from rpil.data.text import counted
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from rpil.cli.questions.session import Session
     from rpil.data.json_files import Parsed
     from rpil.results.html.page import View
+    from rpil.results.record import Audit
 
 MAX_QUESTIONS = 8
 """Questions that one run asks at most."""
@@ -69,7 +71,7 @@ def begin(file: str, options: dict[str, Value], most: int | None) -> tuple[comma
 @with_options(*LABEL_OPTIONS)
 @click.pass_context
 def label(ctx: click.Context, /, file: str, **options: Value) -> None:
-    """Ask four to eight questions in the terminal, and write the answers to a file of labels.
+    """Ask up to eight questions in the terminal, and write the answers to a file of labels.
 
     The file is labels.csv, or that of --labels. A run goes on where the last one ended. Each answer is written at once.
     """
@@ -180,29 +182,21 @@ def _review(ctx: click.Context, run: commands.AuditRun, session: Session, quiet:
         progress("looking for videos")
         # By another column of ids, no demonstration is an episode that videos are named after.
         videos = EpisodeVideos.of(run.source, () if run.recording.options.id else run.audit.ids, run.audit.fps)
-    written: dict[str, object] = {}
     return Review(
         session=session,
         about=commands.about(run),
         videos=videos,
-        finish=lambda given: _finish(ctx, run, session, written, given),
+        finish=lambda given: _finish(ctx, run, session, given),
         data=run.recording.demonstrations,
     )
 
 
-def _finish(
-    ctx: click.Context,
-    run: commands.AuditRun,
-    session: Session,
-    written: dict[str, object],
-    given: Mapping[str, Parsed],
-) -> View:
+def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given: Mapping[str, Parsed]) -> View:
     """Which demonstrations are kept, and by which rules the others are not; or, if a page asks to "write", the files
-    `BESIDE` that of the answers. The page gives the ids that are "spared" and the "rules" of faults that reject.
-    `written` are the digests of the files that this run wrote before, which alone are replaced."""
+    `BESIDE` that of the answers, which replace those of earlier reviews of the same data alone. The page gives the ids
+    that are "spared" and the "rules" of faults that reject."""
     from rpil.formats.registry import find
     from rpil.results.choice import Asked
-    from rpil.results.provenance import digest
 
     said = (given.get(name) for name in ("spared", "rules"))
     spared, rules = ({*map(str, one)} if isinstance(one, list) else set() for one in said)
@@ -217,13 +211,22 @@ def _finish(
     for path in filter(os.path.islink, beside.values()):
         raise DataError(f"{path}: it is a link, and no review writes where a link leads; remove it.")
     commands.check_paths((run.source, session.path, *run.recording.options.files), *beside.values())
+    before = _run_of(beside["keep"], run.audit)
     for path in beside.values():
-        if os.path.exists(path) and digest(path) != written.get(path):
-            raise DataError(f"{path}: it is there, and this run did not write it; move it to another folder.")
+        if os.path.exists(path) and not (before and before in Path(path).read_bytes()):
+            raise DataError(f"{path}: it is there, and no review of these data wrote it; move it to another folder.")
     with ctx.scope(cleanup=False):  # the server answers in threads, which have no context
         commands.write_outputs({title: beside.get(title) for title in commands.OUTPUTS}, run, lambda _: None)
-    written |= {path: digest(path) for path in beside.values()}
     suffix = ".json" if find(run.source).unkept(run.recording.options) else Path(run.source).suffix
     new = f"{Path(run.source).stem}-kept{suffix}"
     command = [*command_words(ctx, "keep", WITHOUT), "--verdicts", beside["keep"], "-o", new]
     return {"files": beside, "lost": run.lost, "command": shlex.join(command)}
+
+
+def _run_of(path: str, audit: Audit) -> bytes:
+    """The run id in a list to keep that a review of the same data wrote, as in its other files; empty if it is none."""
+    with suppress(DataError, OSError, ValueError, LookupError, TypeError):
+        kept = read_json(Path(path), LARGEST_TABLE)
+        if audit.provenance and kept["provenance"]["files"][0]["path"] == audit.provenance.files[0]["path"]:
+            return str(kept["run"]).encode()
+    return b""

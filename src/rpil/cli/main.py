@@ -11,7 +11,7 @@ import click
 
 from rpil.cli import commands, terminal
 from rpil.cli.audit import audit, closing_lines, print_finding
-from rpil.cli.check import check, print_set
+from rpil.cli.check import check
 from rpil.cli.label import label, review
 from rpil.cli.options import (
     COLUMN_OPTIONS,
@@ -46,13 +46,14 @@ def main(ctx: click.Context, /) -> None:
 
     FILE holds demonstrations: a table (.parquet, .csv) with one row per step and columns such as episode_index, action
     and observation.*, arrays (.npz, .hdf5, Zarr), a folder of tables, or data of LeRobot, robomimic and others. It may
-    be larger than the memory. rpil info FILE tells how it is read.
+    be larger than memory. rpil info FILE prints how it is read.
     """
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help())
 
 
-SET = "The set in one table, in Markdown: how each action moves, and what a trainer will stumble over."
+UNDECIDED = "No two answers contrast yet; rpil audit names the demonstrations to look at, and asks."
+SET = "Print the set in one table, in Markdown: how each action moves, and problems for a trainer."
 
 for command in (audit, check, label, review):
     main.add_command(command)
@@ -73,7 +74,11 @@ def info(ctx: click.Context, /, file: str, form: str, table: bool, **options: An
     columns = pop_columns(options)
     recording = commands.open_recording(file, columns, lambda _: None)
     if table:
-        print_set(recording, file, form)
+        from rpil.faults.checking import check as find_faults
+        from rpil.faults.set_table import set_table
+
+        found = set_table(recording, find_faults(recording), file)
+        click.echo(terminal.to_json(found.to_dict(), "set") if form == "json" else "\n".join(found.lines()))
         return
     if form == "json":
         click.echo(terminal.to_json(recording.description.to_dict()))
@@ -126,7 +131,7 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     "--verdicts",
     type=click.Path(),
     metavar="FILE",
-    help="Keep by this file and judge nothing: the table of rpil audit --verdicts, the list of --keep, or labels.",
+    help="Judge nothing, and keep by this file: the table of rpil audit --verdicts, the list of --keep, or labels.",
 )
 @with_options(faults_option, *JUDGE_OPTIONS)
 def keep(
@@ -152,11 +157,12 @@ def keep(
         from rpil.results.choice import choose, verdicts_about
         from rpil.results.lost import lost_places
 
-        audit, named = None, set[str]()
+        waits, named = False, set[str]()
         if verdicts is None:
             run = commands.judge(file, given, progress)
-            read, audit = run.recording, run.audit
-            table: Table = audit.table()
+            read, known = run.recording, run.audit.answers.once(run.audit.copy_of)
+            waits = run.audit.anchor != "named adversary" and share is at_least is None and not known.contrast
+            table: Table = run.audit.table()
         else:
             read = commands.open_recording(file, replace(given.columns, allow_missing=True), progress)
             table, named = verdicts_about(verdicts, read.demonstrations.ids, read.ids)
@@ -176,9 +182,8 @@ def keep(
         click.echo(f"{n_unnamed:,} of these are not named in {verdicts}: --only IDS keeps some alone.")
     print_lines(choice.lines())
     if not given.quiet:
-        look_at = () if audit is None else commands.look_lines(audit, choice, faults)
-        more = ["These ids are kept; rpil convert with --only IDS writes a table of them."]
-        print_lines([*look_at, *lost, *(more if source.is_list(output) else ())])
+        of_list = "These ids are kept; rpil convert with --only IDS writes a table of them."
+        print_lines([*([UNDECIDED] * waits), *lost, *([of_list] * source.is_list(output))])
 
 
 @main.command()
@@ -187,7 +192,7 @@ def keep(
     "-o", "--output", type=click.Path(), metavar="OUT.parquet|OUT.csv|OUT.npz", required=True, help="The file to write."
 )
 @click.option(
-    "--ranges", type=click.Path(), metavar="JSON", help="Write these rows, each range by itself; see rpil audit."
+    "--ranges", type=click.Path(), metavar="JSON", help="Write only these rows, each range as a demonstration."
 )
 @quiet_option
 @with_options(*COLUMN_OPTIONS)

@@ -102,8 +102,8 @@ outcome_option = click.option(
     "--outcome",
     metavar="[-]COLUMN|FILE",
     multiple=True,
-    help="How each demonstration ended: a success, where 0 is bad; a return, rewards; or length, its steps; - where "
-    "more is worse; or a CSV file (id,value). Several are witnesses, whose worth is learned.",
+    help="How each demonstration ended: a success (0 is bad), a return, rewards, or length (its steps); - means that "
+    "more is worse; a column, or a CSV file (id,value). Of several rpil learns how reliable each is.",
 )
 session_option = click.option(
     "--session", metavar="COLUMN|file", help="Judge within sessions: a column, or the file of each demonstration."
@@ -134,7 +134,7 @@ COLUMN_OPTIONS = (
     click.option("--only", metavar="IDS", multiple=True, help="Read these demonstrations alone, as 0-16,22."),
     click.option("--without", metavar="IDS", multiple=True, help="Leave these demonstrations out, as 3,7."),
     click.option(
-        "--skip-bad", is_flag=True, help="Set demonstrations with missing values aside; skip damaged files in folders."
+        "--skip-bad", is_flag=True, help="Leave out demonstrations with missing values, and damaged files in folders."
     ),
     click.option(
         "--memory",
@@ -148,7 +148,7 @@ FIT_OPTIONS = (
         "--labels",
         type=click.Path(),
         metavar="FILE",
-        help="Answers: good, bad, better than ID, same as ID; CSV (id,label).",
+        help="A CSV file (id,label) of answers: good, bad, better than ID, same as ID.",
     ),
     outcome_option,
     click.option(
@@ -176,7 +176,7 @@ JUDGE_OPTIONS = (
         "--reference",
         type=click.Path(),
         metavar="FILE",
-        help="Demonstrations that are known to be good, judged beside those of the other FILE and not printed.",
+        help="A file of good demonstrations, which are judged together with those of FILE, and not printed.",
     ),
 )
 
@@ -185,21 +185,19 @@ faults_option = click.option(
     metavar="RULES",
     multiple=True,
     callback=_rule_names,
-    help="Reject by faults, as jump,frozen-sensor.",
+    help="Reject demonstrations with these faults, as jump,frozen-sensor.",
 )
 SEGMENT_OPTIONS = (
-    click.option(
-        "--ranges", type=OutputFile(".json"), help="Also write the rows to keep of each demonstration, as trainers do."
-    ),
+    click.option("--ranges", type=OutputFile(".json"), help="Also write the rows to keep of each demonstration."),
     click.option(
         "--idle",
         type=click.Choice(("keep", "drop", "openpi")),
         default="keep",
         show_default=True,
-        help="Of --ranges: drop the rows in which nothing moves, or those that openpi drops from DROID.",
+        help="With --ranges: drop rows in which nothing moves, or the rows that openpi drops.",
     ),
     click.option(
-        "--ranges-id", metavar="PATTERN", help="Of --ranges: the key of each, as '{folder}--{file}' by columns."
+        "--ranges-id", metavar="PATTERN", help="With --ranges: the key of each list, as '{folder}--{file}' by columns."
     ),
     click.option(
         "--segments",
@@ -219,10 +217,7 @@ def pop_columns(options: dict[str, Value]) -> ColumnOptions:
     from rpil.formats.columns import ColumnOptions
 
     names = {one.name for one in fields(ColumnOptions)} - {"session", "allow_missing", "on_disk"}
-    return ColumnOptions(
-        session=options.get("session"),
-        **{name: options.pop(name) for name in names & options.keys()},
-    )
+    return ColumnOptions(session=options.get("session"), **{name: options.pop(name) for name in names & options.keys()})
 
 
 def command_words(ctx: click.Context, name: str, without: Collection[str] = ("labels", "quiet", "memory")) -> list[str]:

@@ -92,24 +92,17 @@ def fit(text: str, width: int, most: int | None = None) -> list[str]:
 
 def table_lines(columns: Mapping[str, Sequence[str]], width: int | None) -> Iterator[str]:
     """The columns side by side, numbers to the right; cells may be coloured. The last column is cut at the `width`."""
-    from rich.cells import cell_len
+    from rich.cells import cell_len, set_cell_size
 
     rows = [[*columns], *zip(*columns.values(), strict=True)]
     sizes = [max(cell_len(click.unstyle(cell)) for cell in cells) for cells in zip(*rows, strict=True)]
     room = None if width is None else max(width - sum(sizes[:-1]) - 2 * (len(sizes) - 1), len("..."))
     is_number = [title != "id" and all(map(NUMBER.fullmatch, cells)) for title, cells in columns.items()]
     for *cells, last in rows:
-        row = []
-        for cell, size, right in zip((*cells, cut(last, room)), sizes, is_number, strict=True):
+        row, end = [], last
+        if room is not None and cell_len(last) > room:
+            end = f"{set_cell_size(last, room - len('...')).rstrip()}..."
+        for cell, size, right in zip((*cells, end), sizes, is_number, strict=True):
             gap = " " * (size - cell_len(click.unstyle(cell)))
             row.append(gap + cell if right else cell + gap)
         yield "  ".join(row).rstrip()
-
-
-def cut(text: str, size: int | None) -> str:
-    """The text, without its end where it takes more than so many columns of a terminal."""
-    from rich.cells import cell_len, set_cell_size
-
-    if size is None or cell_len(text) <= size:
-        return text
-    return f"{set_cell_size(text, size - len('...')).rstrip()}..."

@@ -2,7 +2,8 @@
 
 The header is a tree of JSON values: numbers and text stand for themselves; an array is named by its member of the
 archive; an object is the name of a class that `stored` registered, and its fields. `Decoder` makes objects of
-registered classes only, and checks the fields, and the shape of every array, against the class.
+registered classes only, and checks the fields, and the shape of every array, against the class. Settings check their
+values where they are made.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, dataclass_transform
 
 import numpy as np
 from numpy.lib import format as npy
@@ -26,6 +27,7 @@ from rpil.data.files import StrPath, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, parse
 from rpil.data.memory import check_memory
+from rpil.numerics.regression import ErrorSettings
 from rpil.numerics.types import Array
 
 VERSION = 15
@@ -110,21 +112,6 @@ def _field_names(kind: type) -> list[str]:
     return [f.name for f in fields(kind) if not f.name.startswith("_") and f.metadata.get("stored", True)]
 
 
-def check_array(value: object, axes: str, sizes: dict[str, int]) -> None:
-    """A `ValueError` where a value is not an array of numbers with these axes, of the `sizes` so far, to which new ones
-    are added."""
-    letters = axes.split()
-    if not isinstance(value, np.ndarray) or value.dtype != np.float64 or value.ndim != len(letters):
-        raise ValueError(axes)
-    for size, letter in zip(value.shape, letters, strict=True):
-        letter, _, more = letter.partition("+")
-        expected = int(letter) if letter.isdigit() else sizes.setdefault(letter, size - int(more or 0))
-        if size != expected + int(more or 0):
-            raise ValueError(axes)
-    if np.isnan(value).any():
-        raise ValueError(axes)
-
-
 class Decoder:
     """Converts nodes of a header to values. Each array is used once, and checked against the sizes of those before."""
 
@@ -134,8 +121,14 @@ class Decoder:
 
     def array(self, node: Any, axes: str) -> Array:
         """The array that `node` names; a `ValueError` or `KeyError` where it is missing, or has other axes."""
-        array = self.arrays.pop(node["array"])
-        check_array(array, axes, self.sizes)
+        array, letters = self.arrays.pop(node["array"]), axes.split()
+        if array.dtype != np.float64 or array.ndim != len(letters) or np.isnan(array).any():
+            raise ValueError(axes)
+        for size, letter in zip(array.shape, letters, strict=True):
+            letter, _, more = letter.partition("+")
+            expected = int(letter) if letter.isdigit() else self.sizes.setdefault(letter, size - int(more or 0))
+            if size != expected + int(more or 0):
+                raise ValueError(axes)
         return array
 
     def value(self, node: object) -> Any:
@@ -199,8 +192,18 @@ def read_arrays(archive: zipfile.ZipFile, members: Sequence[str], where: str) ->
     A `DataError` where they would not fit in memory, or one holds Python objects; where one is damaged, an error of
     another type, such as `ValueError`.
     """
-    check_memory(sum(_declared_bytes(archive, member, where) for member in members), where)
-    arrays = []
+    n_bytes, arrays = 0, []
+    for member in members:
+        shape, dtype, n_before = _head(archive, member)
+        if dtype.hasobject:
+            raise DataError(
+                f"{where}: {member!r} holds Python objects, which are never unpickled because that can run any code; "
+                "save plain arrays of numbers or text, with numpy.asarray(values.tolist()) where they are objects."
+            )
+        if math.prod(shape) * dtype.itemsize != archive.getinfo(member).file_size - n_before:
+            raise ValueError(member)
+        n_bytes += math.prod(shape) * (dtype.itemsize + 8)  # and a copy as float64
+    check_memory(n_bytes, where)
     for member in members:
         with archive.open(member) as stream:
             array = npy.read_array(stream, allow_pickle=False)
@@ -253,23 +256,63 @@ def write_arrays(archive: zipfile.ZipFile, arrays: Mapping[str, Array]) -> None:
             npy.write_array(stream, array, allow_pickle=False)
 
 
-def _declared_bytes(archive: zipfile.ZipFile, member: str, where: str) -> int:
-    """Bytes of an array and of its copy as float64; a `ValueError` where the member does not hold as many."""
-    shape, dtype, n_before = _head(archive, member)
-    if dtype.hasobject:
-        raise DataError(
-            f"{where}: {member!r} holds Python objects, which are never unpickled because that can run any code; "
-            "save plain arrays of numbers or text, with numpy.asarray(values.tolist()) where they are objects."
-        )
-    n_bytes = math.prod(shape) * dtype.itemsize
-    if n_bytes != archive.getinfo(member).file_size - n_before:
-        raise ValueError(member)
-    return n_bytes + 8 * math.prod(shape)
-
-
 def _head(archive: zipfile.ZipFile, member: str) -> tuple[tuple[int, ...], np.dtype[np.generic], int]:
     """The shape and the type that an array says it has, and the bytes before its values."""
     with archive.open(member) as stream:
         is_first = npy.read_magic(stream) == (1, 0)
         shape, _, dtype = (npy.read_array_header_1_0 if is_first else npy.read_array_header_2_0)(stream)
         return shape, dtype, stream.tell()
+
+
+stored()(ErrorSettings)  # here, because numerics knows nothing of archives
+
+Record = TypeVar("Record")
+
+
+@dataclass_transform(frozen_default=True)
+def settings_record(**intervals: str) -> Callable[[type[Record]], type[Record]]:
+    """Make a class a frozen dataclass that an archive may hold, whose numbers lie in these intervals.
+
+    See `check_settings`; a ``__post_init__`` of the class may check more.
+    """
+
+    def decorate(kind: type[Record]) -> type[Record]:
+        check_more = getattr(kind, "__post_init__", None)
+
+        def check(settings: Any) -> None:
+            check_settings(settings, **intervals)
+            if check_more:
+                check_more(settings)
+
+        kind.__post_init__ = check  # type: ignore[attr-defined]
+        return stored()(dataclass(frozen=True)(kind))
+
+    return decorate
+
+
+def check_settings(settings: Any, **intervals: str) -> None:
+    """Raise a `DataError` that names the first field of a dataclass with a number outside its interval.
+
+    An interval is written as in mathematics, such as "[0, 1)"; by default it is "[1, inf)" for fields whose default is
+    a whole number, and "(0, inf)" for others. Fields that default to something else than numbers are not checked, nor
+    is a None that the type of the field allows.
+    """
+    for field in fields(settings):
+        value, default = getattr(settings, field.name), field.default
+        several = isinstance(default, tuple)
+        kind, numbers = (type(default[0]), value) if isinstance(default, tuple) else (type(default), (value,))
+        if kind not in (int, float) or (value is None and "None" in str(field.type)):
+            continue
+        interval = intervals.get(field.name, "[1, inf)" if kind is int else "(0, inf)")
+        if not isinstance(numbers, tuple) or not numbers or not all(_is_in(x, interval, kind) for x in numbers):
+            noun = "whole number" if kind is int else "number"
+            must = f"a tuple of {noun}s, each" if several else f"a {noun}"
+            raise DataError(f"{type(settings).__name__}: {field.name}={value!r} must be {must} in {interval}.")
+
+
+def _is_in(value: object, interval: str, kind: type) -> bool:
+    low, high = map(float, interval[1:-1].split(","))
+    if not isinstance(value, int | float | np.integer | np.floating) or (kind is int and not float(value).is_integer()):
+        return False
+    above = low <= value if interval[0] == "[" else low < value
+    return bool(above and (value <= high if interval[-1] == "]" else value < high))

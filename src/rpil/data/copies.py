@@ -91,8 +91,8 @@ def digests(
 ) -> Shaped[Array, " M"]:
     """A hash of all the values of each demonstration, which has the steps ``offsets[m]:offsets[m + 1]``."""
     found = []
-    for start, end in pairwise(offsets):
-        own = hashlib.blake2b(np.ascontiguousarray(observations[start:end]).tobytes(), digest_size=16)
-        own.update(np.ascontiguousarray(actions[start:end]).tobytes())
+    for start, end in pairwise(offsets.tolist()):
+        own = hashlib.blake2b(observations[start:end].tobytes(), digest_size=16)
+        own.update(actions[start:end].tobytes())
         found.append(own.digest())
     return np.array(found, dtype="S16")

@@ -35,7 +35,9 @@ def lay_end_to_end(
     read = [as_episode(*one) for one in zip(given, places, strict=True)]
     for where, episode in zip(places, read, strict=True):
         for what, one, first in zip(("observations", "actions", "names"), episode, read[0], strict=True):
-            if _kind(one) != _kind(first):
+            # All episodes have the same names, and arrays of the same width, of text or not.
+            forms = ((x.shape[1:], x.dtype.kind == "U") if isinstance(x, np.ndarray) else x for x in (one, first))
+            if len({*forms}) > 1:
                 raise DataError(
                     f"{where}: its {what} differ in width or kind from those of demonstration {names[0]!r}; "
                     "give every demonstration the same columns."
@@ -67,26 +69,16 @@ def as_episode(given: object, where: str) -> tuple[Array, Array, tuple[str, ...]
     return as_observations(observations[: lengths[1]], where), actions, names
 
 
-def _kind(part: object) -> object:
-    """Common form of all episodes: names, or the width of an array and whether it is text."""
-    return (part.shape[1:], part.dtype.kind == "U") if isinstance(part, np.ndarray) else part
-
-
 def _parts(given: object) -> tuple[object, object] | None:
     """The observations and the actions in one of the forms of an episode; None where it has none of them."""
-    found = [_first_of(given, names) for names in NAMES]
+    get = given.get if isinstance(given, Mapping) else lambda name: getattr(given, name, None)
+    found = [next((part for part in map(get, names) if part is not None), None) for names in NAMES]
     if all(part is not None for part in found):
         return found[0], found[1]
     if isinstance(given, Sequence | np.ndarray) and not isinstance(given, str) and len(given) == 2:
         are_steps = all(isinstance(one, Mapping) and _parts(one) for one in given)
         return None if are_steps else (given[0], given[1])
     return None
-
-
-def _first_of(holder: object, names: Sequence[str]) -> object:
-    """The first of the entries, or attributes, of these names; None where there is none."""
-    get = holder.get if isinstance(holder, Mapping) else lambda name: getattr(holder, name, None)
-    return next((part for part in map(get, names) if part is not None), None)
 
 
 def _is_structure(part: object) -> TypeGuard[Mapping[object, object]]:

@@ -34,18 +34,14 @@ def parse_size(size: Size) -> float:
     return float(match[1]) * (1024.0 if match[3] else 1000.0) ** power
 
 
-def budget(given: Size | None = None) -> float:
-    """Bytes that data may take: those `given`, or else a share of what is free."""
-    return FREE_SHARE * free_memory() if given is None else parse_size(given)
-
-
 class TooLargeError(DataError):
-    """Data that would take more than the `budget`."""
+    """Data that would take more memory than they may."""
 
 
 def check_memory(n_bytes: float, where: str, given: Size | None = None) -> None:
-    """Raise a `TooLargeError` with the figures where data of `n_bytes` would take more than the `budget`."""
-    most = budget(given)
+    """Raise a `TooLargeError` with the figures where data of `n_bytes` would take more than is `given`, or else than a
+    share of what is free."""
+    most = FREE_SHARE * free_memory() if given is None else parse_size(given)
     if n_bytes > most:
         raise TooLargeError(
             f"{where}: to read it would take {_written(n_bytes)} of memory, more than the {_written(most)} that it "
@@ -55,9 +51,9 @@ def check_memory(n_bytes: float, where: str, given: Size | None = None) -> None:
 
 
 def check_free(n_bytes: float) -> None:
-    """Raise a `MemoryError`, which `rpil.data.guard.guarded` puts in words, where a part of a file takes more than the
-    default `budget`."""
-    if n_bytes > 64 * MIB and n_bytes > budget():  # which takes a moment to find
+    """Raise a `MemoryError`, which `rpil.data.guard.guarded` puts in words, where a part of a file takes more than a
+    share of the free memory."""
+    if n_bytes > 64 * MIB and n_bytes > FREE_SHARE * free_memory():  # which takes a moment to find
         raise MemoryError
 
 

@@ -79,17 +79,6 @@ def is_data(name: str) -> bool:
     return bool(words or any(pattern.fullmatch(plain) for pattern in ACTION_COLUMNS[0]))
 
 
-def is_outcome(name: str) -> bool:
-    """Whether a column called `name` is a reward, an end or a verdict, and so no observation."""
-    return bool(OUTCOME.fullmatch(plain_name(name)))
-
-
-def is_order(name: str) -> bool:
-    """Whether a column called `name` is a time, or the number of a step or row."""
-    plain = plain_name(name)
-    return any(pattern.fullmatch(plain) for pattern in ORDER_COLUMNS)
-
-
 def may_be_outcome(name: str) -> bool:
     """Whether a column called `name` may say how a demonstration ended, as a reward or a success does."""
     plain = re.sub(r"^(?:episode|ep|traj|trajectory|demo|demonstration)_", "", plain_name(name))

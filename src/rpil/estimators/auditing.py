@@ -21,7 +21,7 @@ from rpil.formats import ReadOptions, opened
 from rpil.formats.columns import ColumnOptions, Names, check_options
 from rpil.formats.format import Frame
 from rpil.formats.recording import Recording
-from rpil.results.provenance import Provenance, changed_settings
+from rpil.results.provenance import Provenance
 from rpil.results.record import Audit
 
 JUDGE_FEATURES = "folded"
@@ -45,11 +45,11 @@ def audit(
     data : path, frame, Demonstrations, Recording or iterable of trajectories
         As for `rpil.read`; large files stay on disk.
     labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, sequence of such pairs, or path, optional
-        Answers about demonstrations, or about rows, (id, start, end), which are good or bad; of a CSV file (id,label,
-        and perhaps start,end) where it is a path.
+        Answers about demonstrations, or about rows by (id, start, end), which are good or bad; a path is a CSV file
+        (id,label, and perhaps start,end).
     outcome : str or several, mapping of id to number, or sequence of M numbers, optional
-        How each ended: a column, "length", a CSV file (id,value), or numbers, of which more is better (a minus
-        before a name: worse). Where all are 0 or 1, those with 0 are bad. Of several the worth is learned.
+        How each ended: a column, "length", a CSV file (id,value), or numbers. More is better; with a minus before the
+        name, less is. If all are 0 or 1, those with 0 are bad. Of several, rpil learns how reliable each is.
     random_state : int
         Seed; the same seed gives the same bits.
     settings : Settings, optional
@@ -101,8 +101,6 @@ def audit_recording(
     The `path` of the recording, where it has one, the `command` and other `files` say where the audit comes from.
     """
     audit, _ = fit_within_tasks(recording, stated, options, keeps_policy=False)
-    changed: dict[str, object] = {} if options.features == JUDGE_FEATURES else {"features": options.features}
-    changed |= {} if options.adversary == "auto" else {"adversary": options.adversary}
-    changed |= changed_settings(options.settings, Settings())
+    changed = {} if options.settings == Settings() else {"settings": repr(options.settings)}
     provenance = Provenance.of(command, options.random_state, changed, (path, *files))
     return replace(audit, provenance=provenance, fps=recording.description.fps or recording.times().fps)

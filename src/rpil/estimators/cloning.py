@@ -78,25 +78,19 @@ def as_demonstrations(
     if actions.dtype.kind not in "fc":
         check_classification_targets(actions)
     if groups is None:
-        groups = _a_group_for_each_row(estimator, len(observations))
+        told, name = estimator.groups, type(estimator).__name__
+        if told not in (None, ROWS):
+            raise DataError(f"groups={told!r} in {name}() is unknown; leave it out, or give {ROWS!r}.")
+        if told is None:
+            raise DataError(
+                "No groups were given, so it is not known which rows are one demonstration; pass groups=, the "
+                "demonstration of each row (in cross-validation by metadata routing, "
+                f"{name}().set_fit_request(groups=True)), or {name}(groups={ROWS!r}) where each row is one."
+            )
+        groups = np.arange(len(observations))
     # Targets (N,) are classes to scikit-learn, however many they are; (N, A) are not.
     kind: ActionKind = "discrete" if actions.ndim == 1 else "continuous"
     return Demonstrations.from_groups(observations, actions, groups, action_kind=kind)
-
-
-def _a_group_for_each_row(estimator: BaseEstimator, n_rows: int) -> Array:
-    """The number of each row, where the estimator was told that every row is a demonstration; else a `DataError`."""
-    given, name = estimator.groups, type(estimator).__name__
-    if given not in (None, ROWS):
-        raise DataError(f"groups={given!r} in {name}() is unknown; leave it out, or give {ROWS!r}.")
-    if given is None:
-        raise DataError(
-            "No groups were given, so it is not known which rows are one demonstration; pass groups=, the "
-            "demonstration of each row (in cross-validation by metadata routing, "
-            f"{name}().set_fit_request(groups=True)), or "
-            f"{name}(groups={ROWS!r}) where each row is one."
-        )
-    return np.arange(n_rows)
 
 
 class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # scikit-learn has no types

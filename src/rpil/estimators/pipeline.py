@@ -1,13 +1,12 @@
-"""Every fit of `RPIL`, by one path: code the actions, pose, decide which demonstrations to trust, fit the final policy.
+"""Every fit of `RPIL`: find features, decide which demonstrations to trust, fit the final policy.
 
-The parts of the path are exchanged. In a `FullFit` (here) the decision reads all demonstrations, in memory; in a
-`SampledFit` (`rpil.estimators.passes`) it reads a sample of many. The judge decides, or the mixture with a named
-adversary. The final policy is linear, or the user's.
+By `fit_full` the decision reads all demonstrations, in memory; by `rpil.estimators.passes.fit_sampled` a sample. The
+judge decides, or the mixture with a named adversary. The final policy is linear, or the user's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -16,7 +15,7 @@ import numpy as np
 
 from rpil.data.arrays import Indices, check_squares
 from rpil.data.copies import Copies, copies_among
-from rpil.data.demonstrations import Block, Demonstrations
+from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
@@ -39,8 +38,7 @@ if TYPE_CHECKING:
     from rpil.mixture.adversaries.protocol import Adversary
     from rpil.mixture.em import State
     from rpil.policies.cross_fitted import CrossFittedPolicy
-    from rpil.scale.fit import JudgedSample
-    from rpil.scale.protocol import Engine, Shards
+    from rpil.scale.protocol import Engine
 
 Progress = Callable[[str], None]
 
@@ -114,37 +112,22 @@ class FitOptions:
         check_squares([seen.min(axis=0), seen.max(axis=0)], what, demonstrations.observation_names)
         return FeatureMap.fit(kind, seen, offsets=offsets, settings=self.settings.selection.maps)
 
-    def linear_data(self, posed: JudgeInput) -> FitData:
+    def linear_data(self, demonstrations: Demonstrations, data: FitData) -> FitData:
         """The data of the judge, with features of a linear policy where the policy is the user's."""
         if self.policy is None:
-            return posed.data
-        seen, settings = posed.demonstrations.observations, self.settings.selection.maps
+            return data
+        seen, settings = demonstrations.observations, self.settings.selection.maps
         if seen.shape[1] > MAX_COLUMNS:  # as of pictures
             rng = np.random.default_rng(0)
             seen = seen @ rng.normal(size=(seen.shape[1], MAX_COLUMNS)) / np.sqrt(seen.shape[1])
-        features = FeatureMap.fit("folded", seen, offsets=posed.demonstrations.offsets, settings=settings)
-        return replace(posed.data, features=features.design(seen))
+        features = FeatureMap.fit("folded", seen, offsets=demonstrations.offsets, settings=settings)
+        return replace(data, features=features.design(seen))
 
     def judged(self, data: FitData) -> FitData:
         """The data with the parts of continuous actions that the judge sees; the user's policy needs all of them."""
         if self.policy is not None or not data.space.has_density:
             return data
         return replace(data, judged=judged_parts(data.actions, data.offsets))
-
-
-@dataclass(frozen=True, eq=False)
-class JudgeInput:
-    """The demonstrations that the decision reads: all but copies of others, or a sample."""
-
-    demonstrations: Demonstrations
-    data: FitData
-    features: Features
-    indices: Array | None = None
-    """The demonstrations of a sample among all."""
-    blocks: Shards[tuple[Block, FitData]] | None = None
-    """All demonstrations as an engine holds them, where the decision reads a sample."""
-    copies: Copies | None = None
-    """The copies among all demonstrations, where the decision reads the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,33 +138,29 @@ class FitResult:
     features: Features
     """Features of the final policy; those of the judge where no policy is kept."""
     policy: FinalPolicy | None = None
-    sample: JudgedSample | None = None
-    """By which all others were judged, where the decision read a sample."""
     state: State | None = None
     """State of the mixture with a named adversary."""
     n_iter: int = 0
     lower_bound: float = 0.0
     """Objective of the mixture, or mean held-out log-likelihood of a step of the training group, in nats."""
     converged: bool = True
-    judgement: Judgement | None = None
-    linear: HeldOutSoftmax | HeldOutRidge | None = None
-    """Held-out linear policies, where the judge decided and read them."""
+    p_two: float | None = None
+    """The probability of two groups of scores, where the judge decided."""
 
 
-def decide_by_mixture(posed: JudgeInput, options: FitOptions) -> FitResult:
+def decide_by_mixture(data: FitData, features: Features, ids: Sequence[Hashable], options: FitOptions) -> FitResult:
     """The decision of the paper's mixture with a named adversary."""
     from rpil.mixture.search import SearchSettings, fit_mixture
     from rpil.policies.linear import linear_policy
 
-    data, settings, n_steps = posed.data, options.settings, len(posed.data.actions)
-    assert isinstance(posed.features, FeatureMap)
-    ridge = ridge_of(posed.features, options.C, n_steps, data.space)
-    start = linear_policy(data.space, ridge, n_steps)
+    settings, n_steps = options.settings, len(data.actions)
+    assert isinstance(features, FeatureMap)
+    start = linear_policy(data.space, ridge_of(features, options.C, n_steps, data.space), n_steps)
     search = SearchSettings(start, settings.mixture, partial(judged_starts, data, settings))
     result = fit_mixture(data, search, options.adversary, options.progress)
     share = Interval(*result.state.prior.interval(result.posterior.expert))
-    audit = audit_from_mixture(data, result, share, posed.demonstrations.ids, settings.audit)
-    fitted = FitResult(audit, posed.features, state=result.state, converged=bool(result.converged))
+    audit = audit_from_mixture(data, result, share, ids, settings.audit)
+    fitted = FitResult(audit, features, state=result.state, converged=bool(result.converged))
     return replace(fitted, n_iter=max(1, len(result.history) - 1), lower_bound=result.objective)
 
 
@@ -193,105 +172,83 @@ def judged_starts(data: FitData, settings: Settings) -> dict[str, Array]:
     return {"agreeing": judged.training_group.astype(float)} | single
 
 
-@dataclass(frozen=True, eq=False)
-class FullFit:
-    """The stages of a fit whose decision reads all demonstrations, in memory."""
-
-    task: Task
-    options: FitOptions
-    keeps_policy: bool = True
-    """Whether a final policy is fitted; an audit keeps none."""
-
-    def run(self) -> FitResult:
-        """Pose, decide, and fit the final policy, if it is kept."""
-        options = self.options
-        if self.keeps_policy and (self.task.answers.labels < 0).all():
-            raise DataError(
-                f"{self.task.source.source}: all demonstrations are labelled bad; leave one that may be good."
-            )
-        posed = self.pose()
-        decided = self.decide(posed) if options.judges else decide_by_mixture(posed, options)
-        if self.task.taken_over is not None:
-            audit = replace(decided.audit, taken_over=self.task.taken_over)
-            decided = replace(decided, audit=replace(audit, step_weight=weights_of(audit)))
-        options.progress("the policy" if self.keeps_policy else "the weights of the steps")
-        return self.fit_policy(posed, decided)
-
-    def pose(self) -> JudgeInput:
-        """The demonstrations that the decision reads, and their features."""
-        task, options, every = self.task, self.options, self.task.demonstrations
-        copies = copies_among(every) if options.judges else Copies.of(np.arange(len(every)))
-        options.progress("features")
-        check_copied_labels(task.answers, copies.copy_of, task.source.ids, task.source.source)
-        different = every.select(copies.judged) if copies.any else every
-        features = options.judge_features(different)
-        data = options.judged(self._data(different, features, copies.judged))
-        return JudgeInput(different, data, features, copies=copies if copies.any else None)
-
-    def decide(self, posed: JudgeInput) -> FitResult:
-        """The decision of the judge about all demonstrations, with the answers that were given."""
-        task, options, copies, judge_settings = self.task, self.options, posed.copies, self.options.settings.judge
-        linear = held_out_model(options.linear_data(posed), judge_settings.held_out)
-        data, learner = posed.data, linear.data if self.keeps_policy else None
-        with_prior = replace(judge_settings, parts=replace(judge_settings.parts, prior=options.settings.mixture.prior))
-        model: HeldOutModel = linear
-        if options.policy is not None:
-            model = HeldOutPolicy(data, options.cross_fitted(data.space, len(data.actions)), judge_settings.held_out)
-        judgement, data, sample = self.extend(posed, judge(data, model, with_prior, options.progress, learner))
-        # An audit answers like the judge, and without a policy its weights are for other trainings.
-        settings = replace(options.settings.audit, judge=judge_settings, weighs_for_learner=self.keeps_policy)
-        told = judgement if sample is None else replace(judgement, log_ratio=np.empty(0))  # its steps are on disk
-        audit = audit_from_judgement(told, data, task.source.ids, task.answers, settings)
-        notes = *audit.notes, *parts_not_judged(posed.data), "" if copies is None else copies.sentence
-        history, audit = judgement.scores.fit.history, replace(audit, notes=tuple(filter(None, notes)))
-        decided = FitResult(audit, posed.features, sample=sample, judgement=judgement, linear=linear)
-        return replace(decided, n_iter=len(history), lower_bound=float(history[-1]))
-
-    def extend(self, posed: JudgeInput, judgement: Judgement) -> tuple[Judgement, FitData, JudgedSample | None]:
-        """The judgement of all demonstrations, and their data; and the sample that was judged, if it was one."""
-        if posed.copies is None:
-            return judgement, posed.data, None
-        every = self._data(self.task.demonstrations, posed.features)
-        return repeated(judgement, posed.copies, every.offsets), every, None
-
-    def _data(self, demonstrations: Demonstrations, features: Features, rows: Indices = slice(None)) -> FitData:
-        """The data of the demonstrations at `rows`, with labels and demonstrators."""
-        task, every = self.task, self.task.demonstrations
-        large = every.n_steps * every.n_observations > self.options.settings.single_precision
-        single = self.options.judges and task.space.kind == "discrete" and large
-        data = task.data(demonstrations, features, single)
-        numbers = np.arange(len(every))[rows]
-        return replace(data, labels=task.answers.labels[rows], demonstrators=task.demonstrators.select(numbers))
-
-    def fit_policy(self, posed: JudgeInput, decided: FitResult) -> FitResult:
-        """Add the final policy, if one is kept, to what was decided with what the actions say."""
-        audit, judgement, settings = decided.audit, decided.judgement, self.options.settings.judge.held_out
-        if judgement is not None and audit.finding in COMPARED:
-            assert decided.linear is not None
-            evidence = by_held_out_policies(judgement, decided.linear, posed.copies, settings)
-            audit = replace(audit, deviations=deviations(audit, evidence, self.task.classes))
-        if not self.keeps_policy:
-            return replace(decided, audit=audit, linear=None)
-        if posed.copies is not None:  # the policy learns from copies as well
-            every = self.task.demonstrations
-            posed = replace(posed, demonstrations=every, data=self._data(every, posed.features))
-        features, policy = self._final_policy(posed, audit.step_weight)
-        return replace(decided, audit=audit, features=features, policy=policy, linear=None)
-
-    def _final_policy(self, posed: JudgeInput, weight: Array) -> tuple[Features, FinalPolicy]:
-        data = posed.data
-        if self.options.policy is None:
-            return self.options.linear.fit(posed.demonstrations, data.actions, weight, data.space)
-        # Cross-fitted again by the final weights: the temperature of the policy comes from held-out steps.
-        start, _ = self.options.cross_fitted(data.space, len(weight)).fit(data, weight)
-        return posed.features, start.fit_all(data, weight)
+def judge_by_options(
+    demonstrations: Demonstrations, data: FitData, options: FitOptions, learns: bool
+) -> tuple[Judgement, HeldOutSoftmax | HeldOutRidge]:
+    """The judgement of demonstrations, and the held-out linear policies, by which a learner finds whom to trust."""
+    settings = options.settings.judge
+    linear = held_out_model(options.linear_data(demonstrations, data), settings.held_out)
+    with_prior = replace(settings, parts=replace(settings.parts, prior=options.settings.mixture.prior))
+    model: HeldOutModel = linear
+    if options.policy is not None:
+        model = HeldOutPolicy(data, options.cross_fitted(data.space, len(data.actions)), settings.held_out)
+    return judge(data, model, with_prior, options.progress, linear.data if learns else None), linear
 
 
-def learn(task: Task, options: FitOptions, audit: Audit) -> FitResult:
-    """The final policy of demonstrations, in memory, that were judged before, by the weights of their `audit`."""
-    demonstrations = task.demonstrations
-    features = options.judge_features(demonstrations)
-    posed = JudgeInput(demonstrations, task.data(demonstrations, features), features)
-    options.progress("the policy")
-    final, policy = FullFit(task, options)._final_policy(posed, audit.step_weight)
-    return FitResult(audit, final, policy)
+def decided(
+    task: Task, options: FitOptions, judgement: Judgement, data: FitData, features: Features, learns: bool
+) -> FitResult:
+    """The audit of a judgement of all demonstrations, with the answers that were given."""
+    # An audit answers like the judge, and without a policy its weights are for other trainings.
+    settings = replace(options.settings.audit, judge=options.settings.judge, weighs_for_learner=learns)
+    audit = audit_from_judgement(judgement, data, task.source.ids, task.answers, settings)
+    fit, p_two = judgement.scores.fit, judgement.scores.groups.p_two
+    return FitResult(audit, features, n_iter=len(fit.history), lower_bound=float(fit.history[-1]), p_two=p_two)
+
+
+def fit_full(task: Task, options: FitOptions, learns: bool = True) -> FitResult:
+    """Judge all demonstrations, in memory, copies of others once, and fit the final policy unless nobody `learns`."""
+    every = task.demonstrations
+    copies = copies_among(every) if options.judges else Copies.of(np.arange(len(every)))
+    options.progress("features")
+    check_copied_labels(task.answers, copies.copy_of, task.source.ids, task.source.source)
+    different = every.select(copies.judged) if copies.any else every
+    features = options.judge_features(different)
+    data = options.judged(fit_data(task, options, different, features, copies.judged))
+    if options.judges:
+        judgement, linear = judge_by_options(different, data, options, learns)
+        whole = data
+        if copies.any:
+            whole = fit_data(task, options, every, features)
+            judgement = repeated(judgement, copies, whole.offsets)
+        result = decided(task, options, judgement, whole, features, learns)
+        notes = *result.audit.notes, *parts_not_judged(data), *filter(None, [copies.sentence])
+        audit = replace(result.audit, notes=notes)
+        if audit.finding in COMPARED:
+            evidence = by_held_out_policies(judgement, linear, copies, options.settings.judge.held_out)
+            audit = replace(audit, deviations=deviations(audit, evidence, task.classes))
+    else:
+        result = decide_by_mixture(data, features, every.ids, options)
+        audit = result.audit
+    if task.taken_over is not None:
+        audit = replace(audit, taken_over=task.taken_over)
+        audit = replace(audit, step_weight=weights_of(audit))
+    result = replace(result, audit=audit)
+    options.progress("the policy" if learns else "the weights of the steps")
+    if not learns:
+        return result
+    features, policy = final_policy(task, options, audit.step_weight)
+    return replace(result, features=features, policy=policy)
+
+
+def fit_data(
+    task: Task, options: FitOptions, demonstrations: Demonstrations, features: Features, rows: Indices = slice(None)
+) -> FitData:
+    """The data of the demonstrations at `rows`, with labels and demonstrators."""
+    every = task.demonstrations
+    large = every.n_steps * every.n_observations > options.settings.single_precision
+    data = task.data(demonstrations, features, options.judges and task.space.kind == "discrete" and large)
+    numbers = np.arange(len(every))[rows]
+    return replace(data, labels=task.answers.labels[rows], demonstrators=task.demonstrators.select(numbers))
+
+
+def final_policy(task: Task, options: FitOptions, weight: Array) -> tuple[Features, FinalPolicy]:
+    """The final policy of demonstrations, in memory, by the `weight` (N,) of their steps, and its features."""
+    every = task.demonstrations
+    if options.policy is None:
+        return options.linear.fit(every, task.codes(every), weight, task.space)
+    features = options.judge_features(every)
+    data = task.data(every, features)
+    # Cross-fitted again by the final weights: the temperature of the policy comes from held-out steps.
+    start, _ = options.cross_fitted(task.space, len(weight)).fit(data, weight)
+    return features, start.fit_all(data, weight)

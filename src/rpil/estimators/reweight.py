@@ -9,11 +9,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from rpil.data.archive import settings_record
 from rpil.data.copies import copies_among
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.data.settings_record import settings_record
 from rpil.estimators.task import ActionBox, Labels, Task, answers_of
 from rpil.inference.answers import check_copied_labels
 from rpil.inference.held_out import HeldOutModel, log_reference
@@ -23,9 +23,13 @@ from rpil.inference.trust import judge, repeated
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.policies.folds import deal, out_of_fold
+from rpil.results.judged import AuditSettings
 from rpil.results.record import Audit
-from rpil.results.settings import AuditSettings
-from rpil.results.summary import IN_SAMPLE_POLICY, assumption_sentences, audit_from_judgement
+from rpil.results.summary import audit_from_judgement
+
+IN_SAMPLE_POLICY = (
+    "The policy was scored on the steps that it was trained on; this assumes that it cannot memorise actions."
+)
 
 P = TypeVar("P")
 LogProb = Callable[[Any, Array, Array], object]
@@ -241,5 +245,5 @@ def reweight(
     for n in range(n_rounds):
         progress(f"training the policy: {n + 1} of {n_rounds}")
         policy = model.train_round(policy, np.arange(demonstrations.n_steps), audit.step_weight)
-    sentences = assumption_sentences(audit, IN_SAMPLE_POLICY if chosen.n_folds == 1 else "")
-    return Reweighted(policy, replace(audit, assumptions=sentences), n_rounds, n_rounds < chosen.max_rounds)
+    audit = replace(audit, method=(IN_SAMPLE_POLICY,) * (chosen.n_folds == 1))
+    return Reweighted(policy, audit, n_rounds, n_rounds < chosen.max_rounds)

@@ -50,14 +50,11 @@ class Selection:
     log_likelihood: Array
     """Mean log-likelihood of a step of each demonstration under the policy, in nats."""
     selected: Array
-    history: Array
-    """The objective of eq. 2 after every fit; it never rises."""
+    objective: float
+    """The value of eq. 2, which no concentration step raises."""
+    n_fits: int
     converged: bool
     """Whether the selected demonstrations are those that the policy explains best."""
-
-    @property
-    def objective(self) -> float:
-        return float(self.history[-1])
 
 
 def fit_selected(data: FitData, policy: LinearPolicy, selected: Array, tol: float) -> Selection:
@@ -69,22 +66,19 @@ def fit_selected(data: FitData, policy: LinearPolicy, selected: Array, tol: floa
     log_likelihood = data.sum_steps(log_prob) / data.lengths
     penalty = policy.penalty() / data.lengths.mean()
     objective = (penalty - log_likelihood[selected].sum()) / selected.sum()
-    return Selection(policy, log_likelihood, selected, np.array([objective]), converged=False)
+    return Selection(policy, log_likelihood, selected, float(objective), n_fits=1, converged=False)
 
 
 def concentrate(data: FitData, start: Selection, n_trusted: int, tol: float, max_iter: int) -> Selection:
     """Concentration steps: select the `n_trusted` demonstrations that the policy explains best, and fit it to them."""
-    # The objective of a selection of another size is another function.
-    history = list(start.history) if start.selected.sum() == n_trusted else []
-    current = start
+    n_fits, current = int(start.selected.sum() == n_trusted), start
     for _ in range(max_iter):
         best = np.argsort(-current.log_likelihood, kind="stable")[:n_trusted]
         selected = np.isin(np.arange(data.n_demonstrations), best)
         if (selected == current.selected).all():
-            return replace(current, history=np.array(history), converged=True)
-        current = fit_selected(data, current.policy, selected, tol)
-        history.append(current.objective)
-    return replace(current, history=np.array(history), converged=False)
+            return replace(current, n_fits=n_fits, converged=True)
+        current, n_fits = fit_selected(data, current.policy, selected, tol), n_fits + 1
+    return replace(current, n_fits=n_fits)
 
 
 def starts(n_demonstrations: int, n_trusted: int, n_starts: int, rng: np.random.Generator) -> list[Array]:
@@ -219,7 +213,7 @@ class RMEnt(PolicyEstimator):
         self.weights_ = selection.selected.astype(float)
         self.log_likelihood_ = selection.log_likelihood
         self.objective_ = selection.objective
-        self.n_iter_ = len(selection.history)
+        self.n_iter_ = selection.n_fits
         self.converged_ = selection.converged
         if not selection.converged:
             warnings.warn("Concentration stopped at max_iter; raise it.", ConvergenceWarning, stacklevel=2)

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rpil.data.demonstrator_groups import DemonstratorNames
 from rpil.data.files import StrPath
+from rpil.data.fit_data import DemonstratorNames
 from rpil.data.recorded_facts import Outcome
 from rpil.estimators.cloning import Given, PolicyEstimator, as_demonstrations, see
-from rpil.estimators.pipeline import FitOptions, FitResult, learn
+from rpil.estimators.pipeline import FitOptions, FitResult, final_policy
 from rpil.estimators.settings import Settings
 from rpil.estimators.task import ActionBox, Labels, Task, answers_of
-from rpil.estimators.within_tasks import Statements, fit_task, fit_within_tasks, groups_of
+from rpil.estimators.within_tasks import Statements, fit_task, fit_within_tasks
 from rpil.formats.columns import Names
 from rpil.formats.dataset import Dataset
 from rpil.formats.recording import Recording
@@ -183,20 +183,18 @@ class RPIL(PolicyEstimator):
 
     def _fit_recording(self, recording: Recording, stated: Statements) -> RPIL:
         """Judge each task and session by itself, and learn one policy by the weights of all."""
-        options, several = self._options(), len(groups_of(recording, stated)) > 1
-        task = Task.of(recording.demonstrations.select(slice(None)), self.action_box) if several else None
+        options = self._options()
         audit, fits = fit_within_tasks(recording, stated, options)
         see(self, recording.demonstrations)
-        if task is None:
-            self._keep(*fits[0])
-        else:
-            self._keep(task, learn(task, options, audit))
-            results = [result for _, result in fits]
-            self.n_iter_ = sum(result.n_iter for result in results)
-            self.lower_bound_ = float(np.mean([result.lower_bound for result in results]))
-            self.converged_ = all(result.converged for result in results)
-        self.audit_ = audit
-        return self
+        if not audit.within:
+            (task, result), *_ = fits
+            return self._keep(task, replace(result, audit=audit))
+        task, results = Task.of(recording.demonstrations.select(slice(None)), self.action_box), [own for _, own in fits]
+        options.progress("the policy")
+        learned = FitResult(audit, *final_policy(task, options, audit.step_weight))
+        n_iter, bound = sum(own.n_iter for own in results), float(np.mean([own.lower_bound for own in results]))
+        sound = all(own.converged for own in results)
+        return self._keep(task, replace(learned, n_iter=n_iter, lower_bound=bound, converged=sound))
 
     def _options(self) -> FitOptions:
         """The constructor parameters, with the default settings and a silent progress in the place of None."""
@@ -217,15 +215,9 @@ class RPIL(PolicyEstimator):
     @property
     def log_odds_(self) -> Array:
         """`Audit.log_odds`, (M,)."""
-        return self._known_audit().log_odds
+        return self.audit_.log_odds
 
     @property
     def expert_proba_(self) -> Array:
         """`Audit.expert_proba`, (M,)."""
-        return self._known_audit().expert_proba
-
-    def _known_audit(self) -> Audit:
-        """The audit of the fit; an AttributeError of one sentence where there was none, or a file did not hold it."""
-        if not hasattr(self, "audit_"):
-            raise AttributeError("A saved RPIL holds no audit; call rpil.audit on the demonstrations, or fit it again.")
-        return self.audit_
+        return self.audit_.expert_proba

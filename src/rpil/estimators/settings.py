@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from rpil.data.settings_record import settings_record
+from rpil.data.archive import settings_record
 from rpil.inference.settings import JudgeSettings
 from rpil.mixture.settings import MixtureSettings
 from rpil.policies.settings import CrossFitSettings, SelectionSettings
-from rpil.results.settings import AuditSettings
+from rpil.results.judged import AuditSettings
 from rpil.scale.settings import AscentSettings, SampleSettings
 
 

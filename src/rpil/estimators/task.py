@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.demonstrator_groups import DemonstratorNames, Demonstrators, group_by_demonstrator
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
-from rpil.data.fit_data import FitData
+from rpil.data.fit_data import DemonstratorNames, Demonstrators, FitData, group_by_demonstrator
 from rpil.data.id_values import (
     check_ids,
     label_codes,
@@ -64,22 +63,19 @@ def answers_of(
     chosen = {*map(str, read)}
     better, tied = match_pairs(((pair, word) for pair, word in pairs.items() if chosen >= {*pair}), read)
     signs = label_codes({name: label for name, label in by_id.items() if name in chosen}, read)
-    given = {} if outcome is None else by_name(outcome)
+    given: dict[str, Outcome | str] = {}
+    if outcome is not None and are_names(outcome):
+        paths = [outcome] if isinstance(outcome, str) else [*cast("Sequence[str]", outcome)]
+        stems = [Path(path).stem for path in paths]
+        given = {stem if stems.count(stem) == 1 else path: path for stem, path in zip(stems, paths, strict=True)}
+    elif outcome is not None:
+        given = {"outcome": cast(Outcome, outcome)}
     outcomes = [given_outcome(one, read, demonstrations.source, every) for one in given.values()]
     known = np.column_stack([np.empty((len(read), 0)), *outcomes])
     answers = Answers(signs, better, known, tied, tuple(given), marks=marks)
     if len(marks) and answers.bad_rows(demonstrations.offsets).all():
         raise DataError(f"{named}: every row is called bad, and none is left to learn from; label fewer of them.")
     return answers
-
-
-def by_name(outcome: Outcome | Names) -> dict[str, Outcome | str]:
-    """Outcomes by their names: numbers, or files of them."""
-    if are_names(outcome):
-        paths = [outcome] if isinstance(outcome, str) else [*cast("Sequence[str]", outcome)]
-        stems = [Path(path).stem for path in paths]
-        return {stem if stems.count(stem) == 1 else path: path for stem, path in zip(stems, paths, strict=True)}
-    return {"outcome": cast(Outcome, outcome)}
 
 
 def are_names(outcome: Outcome | Names) -> bool:

@@ -12,12 +12,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.demonstrator_groups import DemonstratorNames, names_by_id
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
+from rpil.data.fit_data import DemonstratorNames, names_by_id
 from rpil.data.names import quoted
 from rpil.data.recorded_facts import Outcome, check_outcome, check_sessions
-from rpil.estimators.pipeline import FitOptions, FitResult, FullFit
+from rpil.estimators.pipeline import FitOptions, FitResult, fit_full
 from rpil.estimators.task import Labels, Task, answers_of
 from rpil.formats import read_demonstrators
 from rpil.formats.columns import Names
@@ -27,7 +27,6 @@ from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
 from rpil.results.record import Audit
 from rpil.results.step_weights import takeover_signs, without_bad_rows
-from rpil.results.summary import assumption_sentences
 from rpil.results.tasks import first_of, join_audits
 
 MIN_DEMONSTRATIONS = 8
@@ -41,8 +40,6 @@ class Statements:
     answers: Answers
     demonstrators: Mapping[str, Hashable]
     """By the ids of their demonstrations as text."""
-    order: Array | None
-    sessions: tuple[str, ...] = ()
     answers_source: str = "the labels"
     """In messages."""
     reference: Recording | None = None
@@ -80,15 +77,13 @@ class Statements:
         names = names_by_id(demonstrators, read.ids, named_by, ids)
         where = str(labels) if isinstance(labels, str | os.PathLike) else cls.answers_source
         taken_over = takeover_signs(recording.interventions, read.offsets, recording.description.fps)
-        return cls(answers, names, facts.order, facts.sessions, where, reference, taken_over)
+        return cls(answers, names, where, reference, taken_over)
 
     def select(self, rows: Sequence[int], ids: Iterable[Hashable]) -> Statements:
         """Statements about the demonstrations at `rows`, which are called `ids`, and of pairs of them."""
-        order = None if self.order is None else self.order[rows]
         names = {m: self.demonstrators[m] for m in map(str, ids) if m in self.demonstrators}
         taken_over = tuple(self.taken_over[m] for m in rows) if self.taken_over else ()
-        answers = self.answers.select(rows)
-        return replace(self, answers=answers, demonstrators=names, order=order, taken_over=taken_over)
+        return replace(self, answers=self.answers.select(rows), demonstrators=names, taken_over=taken_over)
 
 
 def split_by_task(
@@ -104,19 +99,16 @@ def split_by_task(
     return places
 
 
-def groups_of(recording: Recording, stated: Statements) -> dict[str, list[int]]:
-    """The numbers of the demonstrations of each task and session; a `DataError` where sessions divide nothing."""
-    if recording.options.session:
-        check_sessions(stated.sessions, recording.options.session, recording.description.source)
-    return split_by_task(recording.demonstrations.ids, recording.tasks, stated.sessions)
-
-
 def fit_within_tasks(
     recording: Recording, stated: Statements, options: FitOptions, keeps_policy: bool = True
 ) -> tuple[Audit, list[tuple[Task, FitResult]]]:
     """The audit of the demonstrations of a recording, each judged within its task and session, beside the reference if
-    there is one, and the fits to these. A single one is not judged, and has the verdict of its label, if any."""
-    demonstrations, places = recording.demonstrations, groups_of(recording, stated)
+    there is one, and the fits to these. A single one is not judged, and has the verdict of its label, if any.
+    A `DataError` where sessions divide nothing."""
+    demonstrations = recording.demonstrations
+    if recording.options.session:
+        check_sessions(recording.facts.sessions, recording.options.session, recording.description.source)
+    places = split_by_task(demonstrations.ids, recording.tasks, recording.facts.sessions)
     if len(places) == 1:
         audit, fitted = _fit_group(demonstrations, stated, options, keeps_policy)
         return _with_facts(audit, recording, stated), [fitted]
@@ -147,8 +139,8 @@ def _with_facts(audit: Audit, recording: Recording, stated: Statements) -> Audit
         told = f"A person took over in {n:,} of {len(audit.ids):,}: these steps weigh more, those just before less."
         audit = replace(audit, notes=(*audit.notes, told))
     audit = replace(audit, answers=replace(audit.answers, marks=stated.answers.marks))
-    weight = without_bad_rows(audit, audit.step_weight)
-    return replace(audit, sessions=stated.sessions, order=stated.order, step_weight=weight)
+    weight, facts = without_bad_rows(audit, audit.step_weight), recording.facts
+    return replace(audit, sessions=facts.sessions, order=facts.order, step_weight=weight)
 
 
 def _fit_group(
@@ -165,7 +157,7 @@ def _fit_group(
             outcomes[:, -k] = values
         labels = np.append(given.labels, np.ones(more, dtype=int))  # those of the reference are good
         answers = replace(given, labels=labels, outcomes=np.concatenate([given.outcomes, outcomes]))
-        stated = replace(stated, answers=answers, order=None, taken_over=())  # of two files none states these
+        stated = replace(stated, answers=answers, taken_over=())  # of two files none states these
     task = Task.of(demonstrations, options.action_box, stated.answers, stated.demonstrators or None)
     if stated.taken_over:
         task = replace(task, taken_over=np.concatenate(stated.taken_over))
@@ -180,33 +172,32 @@ def _fit_group(
 
 
 def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitResult:
-    """Decide which demonstrations of a task to trust, and fit the final policy if it is kept; the audit names the
-    assumptions."""
+    """Decide which demonstrations of a task to trust, and fit the final policy if it is kept; the audit says how."""
     options.check(task)
-    stages = FullFit(task, options, keeps_policy)
-    may_sample, sample = options.judges and options.policy is None, options.settings.sample
+    if keeps_policy and (task.answers.labels < 0).all():
+        raise DataError(f"{task.source.source}: all demonstrations are labelled bad; leave one that may be good.")
+    fit = fit_full
+    sample = options.settings.sample
+    may_sample = options.judges and options.policy is None and task.source.offsets[-1] > sample.min_steps
     if may_sample and sample.is_smaller_than(task.source.offsets, options.n_sampled_steps(task)):
-        from rpil.estimators.passes import SampledFit
-
-        stages = SampledFit(task, options, keeps_policy)
+        from rpil.estimators.passes import fit_sampled as fit
     with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
-        result = stages.run()
+        result = fit(task, options, keeps_policy)
     own, prior = type(options.policy).__name__, options.settings.mixture.prior
-    sentences = assumption_sentences(
-        result.audit,
+    method = (
+        "" if result.p_two is None else f"P(two groups of scores) is {result.p_two:.2f}.",
         f"The policy is linear in {result.features.kind} features."
         if options.policy is None
         else f"The policy is a {own}; each demonstration was scored by a copy that was fitted without it.",
-        p_two_groups=None if result.judgement is None else result.judgement.scores.groups.p_two,
-        expert_share=prior if isinstance(prior, float) and not options.judges else None,
-        demonstrators=task.demonstrators.note,
+        f"The share of experts was fixed at {prior}." if isinstance(prior, float) and not options.judges else "",
+        task.demonstrators.note,
     )
     if not result.converged:
         from sklearn.exceptions import ConvergenceWarning
 
         message = "EM stopped at max_iter before it converged; raise max_iter or tol."
         warnings.warn(message, ConvergenceWarning, stacklevel=2)
-    return replace(result, audit=replace(result.audit, assumptions=sentences))
+    return replace(result, audit=replace(result.audit, method=tuple(filter(None, method))))
 
 
 def with_reference(demonstrations: Demonstrations, reference: Demonstrations) -> Demonstrations:

@@ -44,23 +44,23 @@ def check(
     video: bool = False,
     **columns: Unpack[ReadOptions],
 ) -> FaultReport:
-    """Find what is odd in recordings, as ``rpil check`` does: all rules, on demonstrations in memory or on disk.
+    """Find recording faults, as ``rpil check`` does: all rules, on demonstrations in memory or on disk.
 
     Parameters
     ----------
     data : path, frame, Demonstrations, Recording, Dataset or iterable of trajectories
         As for `rpil.audit`; values may be missing. Demonstrations in memory have no times.
     times : Times, optional
-        Timestamps, frame rate and lengths; by default those that the recording states, as far as it does.
+        Timestamps, frame rate and lengths; by default those that the recording states.
     fps : float, optional
         Frames a second, where the recording does not say.
     expected : mapping of rule to ids, optional
-        Findings that are declared expected; they are counted and left out.
+        Expected findings, which are counted and left out.
     video : bool
         Also look at the videos of a folder of LeRobot, which needs the extra video.
     **columns
-        As for `rpil.read`. With ``skip_bad=True``, where values are missing, those demonstrations are set aside and the
-        other rules are applied to the rest; by default only the missing values are reported then.
+        As for `rpil.read`. If values are missing, by default only these are reported; with ``skip_bad=True`` the other
+        rules check the demonstrations without missing values.
 
     Returns
     -------

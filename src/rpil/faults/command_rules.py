@@ -24,20 +24,23 @@ class CommandRule(ComparingRule):
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """Result of `relation` for each demonstration, (M, P); three quantiles of the distance of each action from its
         state, (M, P); the steps that states need for the distance, (M,); and `misfits`."""
-        pairs, found, turn = learned.tracked, [], block.turn[learned.tracked.action, None]
-        for actions, states in parts_of(block, pairs):
+        pairs, gaps, turn = learned.tracked, [], block.turn[learned.tracked.action, None]
+        parts = [*parts_of(block, pairs)]
+        for actions, states in parts:
             some = np.s_[:, :: max(actions.shape[1] // 200, 1)]  # enough for quantiles
             gap = actions[some] - pairs.slope[:, None] * states[some]
             at = [round(q * (gap.shape[1] - 1)) for q in settings.GAP_QUANTILES]
-            gap = np.sort(gap, axis=1)
-            gap = gap[:, at] - turn * np.rint(gap[:, at[1:2]] / np.where(turn > 0, turn, np.inf))
-            found.append((*relation(actions, states, pairs.is_command), *gap.T))
-        left = misfits(block, pairs) if pairs.fits.any() else np.ones((len(found), 2 * settings.MAX_SHIFT + 1))
+            gap.sort(axis=1)
+            gaps.append(gap[:, at] - turn * np.rint(gap[:, at[1:2]] / np.where(turn > 0, turn, np.inf)))
+        left = misfits(block, pairs) if pairs.fits.any() else np.ones((len(gaps), 2 * settings.MAX_SHIFT + 1))
         own, of = pairs.state[pairs.fits], pairs.action[pairs.fits]
-        scale = block.columns.scale[own, None]  # with leaps as large as ten usual changes at most
-        sizes = np.abs(block.values[of] - block.values[own]), np.minimum(block.size[own], 10.0 * scale)
-        apart, step = ((np.add.reduceat((x / scale).sum(axis=0), block.offsets[:-1])) for x in sizes)
-        return (*map(np.array, zip(*found, strict=True)), apart / np.maximum(step, 1e-300), left)
+        scale = block.columns.scale[own]  # with leaps as large as ten usual changes at most
+        apart = block.values[of]
+        apart -= block.values[own]
+        sizes = np.abs(apart, out=apart), np.minimum(block.size[own], 10.0 * scale[:, None])
+        far, step = (np.add.reduceat((1.0 / scale) @ x, block.offsets[:-1]) for x in sizes)
+        gap = np.moveaxis(np.array(gaps), 2, 0)
+        return *relation(parts, pairs.is_command), *gap, far / np.maximum(step, 1e-300), left
 
 
 class ActionIsState(CommandRule):

@@ -26,14 +26,17 @@ class OutsideRange(ComparingRule):
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """The largest value of each action, and the next smaller one, also downwards, of other signs, (M, 2 A);
         and the largest value, with either sign, of the observations that may stay the same."""
-        actions, begins = block.block.actions, block.offsets[:-1]
-        actions = actions if actions.ndim == 2 else np.zeros((len(actions), 0))  # a code has no limit
-        sides = np.concatenate([actions.T, -actions.T]).astype(np.float64)
-        top = np.maximum.reduceat(sides, begins, axis=1)
-        below = np.where(sides < np.repeat(top, np.diff(block.offsets), axis=1), sides, -np.inf)
+        actions, begins, found = block.block.actions, block.offsets[:-1], []
+        # A code has no limit.
+        actions = np.ascontiguousarray((actions if actions.ndim == 2 else np.zeros((len(actions), 0))).T)
+        for of, sign in ((np.maximum, 1.0), (np.minimum, -1.0)):
+            top = of.reduceat(actions, begins, axis=1)
+            inside = actions != np.repeat(top, np.diff(block.offsets), axis=1)
+            below = of.reduceat(np.where(inside, actions, actions.dtype.type(-sign * np.inf)), begins, axis=1)
+            found.append((sign * top.T.astype(np.float64), sign * below.T.astype(np.float64)))
         same = block.block.observations[:, [*learned.same]]
         ends = (np.maximum.reduceat(values, begins, axis=0) for values in (same, -same))
-        return top.T, np.maximum.reduceat(below, begins, axis=1).T, *ends
+        return *map(np.hstack, zip(*found, strict=True)), *ends
 
     def compare(self) -> Compared:
         (top, below), data = self.measured[:2], self.data
@@ -203,13 +206,12 @@ class Conventions(ComparingRule):
         found = {c: way for c, way in found.items() if known[c] and other.get(c, c) in found}  # else commands tell
         own = {c: s for c, s in enumerate(columns.partner.tolist()) if columns.is_action[c] and s >= 0} | own
         several = len({kind if "order" in kind else own.get(c, c) for c, (kind, _) in found.items()}) > 1
-        is_sure = several or (self.is_change(rows) and rows.sum() > 2)
-        kinds = {kind[:5] for kind, _ in found.values()}  # several together are two tasks
-        return (
-            found
-            if len(kinds) == 1 and (is_sure or kinds == {"unit"} or (kinds == {"moved"} and rows.sum() > 2))
-            else {}
-        )
+        kinds, many = {kind[:5] for kind, _ in found.values()}, rows.sum() > 2  # several together are two tasks
+        # The set changes once, in order, or with the operator, and not with the task: else one column may differ by it.
+        once = (rows[1:] != rows[:-1]).sum() == 1 or is_split(self.data.of_each("operator"), rows)
+        once &= not is_split(self.data.of_each("task"), rows)
+        is_sure = several or kinds == {"unit"} or (many and (kinds == {"moved"} or once))
+        return found if len(kinds) == 1 and is_sure else {}
 
     def home_differs(self, rows: Bool[Array, " M"]) -> Bool[Array, " C"]:
         """Whether demonstrations of a part begin elsewhere in a column than the rest: from one home, they may do a task
@@ -219,12 +221,6 @@ class Conventions(ComparingRule):
         apart = np.abs(np.median(own, axis=0) - np.median(other, axis=0))
         is_far = apart > np.maximum(np.ptp(own, axis=0), np.ptp(other, axis=0))
         return np.asarray(is_far & (len(own) > 2) & (len(first) >= 2 * settings.FEWEST_DEMONSTRATIONS))
-
-    def is_change(self, rows: Bool[Array, " M"]) -> bool:
-        """Whether the set changes once, in order, or with the operator, and not with the task: else one column may
-        differ by what is done."""
-        once = (rows[1:] != rows[:-1]).sum() == 1 or is_split(self.data.of_each("operator"), rows)
-        return bool(once and not is_split(self.data.of_each("task"), rows))
 
 
 def is_split(words: list[str], rows: Bool[Array, " M"]) -> bool:
@@ -298,7 +294,6 @@ def two_groups(values: Float[Array, "M F"]) -> Iterator[Bool[Array, " M"]]:
     within = (off**2).sum(axis=0) - between
     between[[0, -1]] = 0.0
     at = between.argmax(axis=0)
-    is_change = between[at, columns] > (2.0 * settings.BY_CHANCE) ** 2 / max(m - 2, 1) * np.maximum(
-        within[at, columns], 1e-300
-    )
+    least = (2.0 * settings.BY_CHANCE) ** 2 / max(m - 2, 1) * np.maximum(within[at, columns], 1e-300)
+    is_change = between[at, columns] > least
     yield from (np.arange(m)[:, None] > at[is_change]).T

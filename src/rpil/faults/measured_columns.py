@@ -41,11 +41,10 @@ class MeasuredColumns:
 
     def of(self, block: Block) -> Float[Array, "C T"]:
         """Their values in a block."""
-        n = block.observations.shape[1]
-        own = block.observations.T[self.number[~self.is_action]]
+        n, own = block.observations.shape[1], np.empty((len(self.number), len(block.observations)))
+        own[~self.is_action] = block.observations.T[self.number[~self.is_action]]
         if self.is_action.any():
-            own = np.concatenate([own, block.actions.T[self.number[self.is_action] - n]])
-        own = np.ascontiguousarray(own, dtype=np.float64)
+            own[self.is_action] = block.actions.T[self.number[self.is_action] - n]
         for first, towards in self.quaternions.items():
             own[(self.number >= first) & (self.number < first + 4)] *= _signs(block, first, towards)
         return own
@@ -118,6 +117,9 @@ def all_values(block: Block) -> Float[Array, "T K"]:
 
 def set_aside(block: Block) -> tuple[Block, Bool[Array, " M"]]:
     """The block without the demonstrations that have values that are NaN or infinite, and a mask of those it keeps."""
+    numbers = [x for x in (block.observations, block.actions) if x.ndim == 2]
+    if all(np.isfinite(x.sum()) for x in numbers):  # which takes a moment, and so is each number
+        return block, np.ones(len(block.offsets) - 1, dtype=bool)
     kept = np.logical_and.reduceat(np.isfinite(all_values(block)).all(axis=1), block.offsets[:-1])
     return _chosen(block, kept), kept
 
@@ -135,12 +137,6 @@ def ranges_and_zeros(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> 
     """The range of each column in each demonstration, and the share of the steps in which it is 0, (M, C)."""
     high, low = (of.reduceat(values, offsets[:-1], axis=1) for of in (np.maximum, np.minimum))
     return (high - low).T, means(values == 0, offsets)
-
-
-def never_moves(actions: Array, offsets: Int[Array, " _"]) -> Bool[Array, "M A"]:
-    """Which actions, (T, A) or (T,), stay the same in a demonstration, and move in most of the others."""
-    still = ranges_and_zeros(np.atleast_2d(actions.T), offsets)[0] == 0
-    return np.asarray(still & (still.mean(axis=0) < settings.MOST_ABSENT))
 
 
 def not_recorded(ranges: Float[Array, "M C"], zeros: Float[Array, "M C"]) -> Bool[Array, "M C"]:
@@ -195,21 +191,16 @@ def learn_columns(sample: Block, numbers: Int[Array, " M"], labels: tuple[str, .
     return replace(moving, columns=replace(moving.columns, moving=share, memory=_memory(moving)))
 
 
-def window_means(values: Float[Array, "C n"], width: int) -> Float[Array, "C m"]:
-    """The mean over `width` rows from each row on."""
-    total = np.cumsum(np.pad(values, ((0, 0), (1, 0))), axis=1)
-    return np.asarray((total[:, width:] - total[:, :-width]) / width)
-
-
 def _noise_at_rest(sample: MovingBlock) -> Float[Array, " C"]:
     """Standard deviation of the noise where it is least, by third differences, to which smooth motion adds little; at
     least that of the steps of an encoder."""
     third = np.diff(sample.values, n=3, axis=1)
     third = third[:, ~np.isin(np.arange(third.shape[1]), np.add.outer(sample.offsets[1:-1], [-3, -2, -1]))]
     least = np.where(sample.size > 0, sample.size, np.inf).min(axis=1) / np.sqrt(12)
-    if third.shape[1] < settings.NOISE_ROWS:
+    if third.shape[1] < (n := settings.NOISE_ROWS):
         return np.zeros(len(third))
-    quiet = np.quantile(window_means(third**2, settings.NOISE_ROWS), settings.QUIET, axis=1)
+    total = np.cumsum(np.pad(third**2, ((0, 0), (1, 0))), axis=1)
+    quiet = np.quantile((total[:, n:] - total[:, :-n]) / n, settings.QUIET, axis=1)
     noise = np.sqrt(quiet / 20) / settings.NOISE_OF_QUIET
     return np.asarray(np.maximum(noise, np.where(np.isfinite(least), least, 0)))
 
@@ -234,9 +225,7 @@ def _turn(values: Float[Array, " T"], change: Float[Array, " T"], size: Float[Ar
             before = values[leaps - 1] - values[np.maximum(leaps - settings.APPROACH, 0)]
             before = np.where(np.abs(before) > turn / 2, change[leaps], before)  # it leapt just before
             comes = (before * change[leaps] < 0).mean() > 0.5
-            others = np.delete(
-                size, leaps
-            )  # beside which nothing is left of a leap that is one of noise where it wraps
+            others = np.delete(size, leaps)  # beside which nothing is left of a leap of noise where it wraps
             comes |= bool((np.abs(size[leaps] - turn) <= 2.0 * others.max(initial=0.0)).all())
             if comes and others.max(initial=0.0) <= (1 - settings.NEAR_TURN) * turn:
                 return float(turn)

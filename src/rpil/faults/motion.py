@@ -8,8 +8,8 @@ from rpil.data.text import counted
 from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock, means
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
-from rpil.faults.still import first_largest, largest, next_largest, runs_of
-from rpil.numerics.types import Array, Float
+from rpil.faults.still import largest, next_largest, runs_of
+from rpil.numerics.types import Array
 
 
 class Leap(ComparingRule):
@@ -71,16 +71,18 @@ class Jump(Leap):
         """With changes d_t to step t, the largest |d_t| - max(|d_t-1|, |d_t+1|) where |d_t| is twice as large as both;
         its first and last step, t - 1 and t; and the largest change."""
         size, offsets = block.size, block.offsets
-        jump = size.copy()
-        around = np.maximum(size[:, :-2], size[:, 2:])
-        jump[:, 1:-1] -= around
+        jump, around = np.zeros_like(size), np.maximum(size[:, :-2], size[:, 2:])
+        np.subtract(size[:, 1:-1], around, out=jump[:, 1:-1])
         jump[:, 1:-1] *= jump[:, 1:-1] > around
         jump[:, offsets[:-1] + np.minimum(np.diff(offsets) - 1, 1)] = 0.0  # nothing tells how it moved before
         jump[:, offsets[1:] - 1] = 0.0
         top, step = largest(jump, offsets)
         # How much larger a change is than at the two steps before and after, in all columns together: in logarithms,
-        # whose mean over the columns no single one makes large.
-        change = sum_of_logs(size / block.columns.scale[:, None]) / max(len(size), 1)
+        # whose mean over the columns no single one makes large; one for each eight, as it takes longer than a product.
+        sizes = size / block.columns.scale[:, None]
+        np.minimum(np.add(sizes, 1.0, out=sizes), 1e36, out=sizes)
+        logs = (np.log(sizes[k : k + 8].prod(axis=0)) for k in range(0, len(size), 8))
+        change = sum(logs, np.zeros(size.shape[1])) / max(len(size), 1)
         together = np.zeros((1, len(change)))
         together[0, 2:-2] = change[2:-2] - np.max([change[:-4], change[1:-3], change[3:-1], change[4:]], axis=0)
         steps = np.arange(len(change)) - np.repeat(offsets[:-1], lengths := np.diff(offsets))
@@ -112,13 +114,6 @@ class Jump(Leap):
         return fault.column == cause.column and fault.last in (cause.first, cause.last + 1)
 
 
-def sum_of_logs(values: Float[Array, "C T"]) -> Float[Array, " T"]:
-    """Sum over the columns of log(1 + x): a logarithm for each eight, as it takes longer than a product."""
-    values = np.minimum(values + 1.0, 1e36)
-    parts = np.multiply.reduceat(values, np.arange(0, len(values), 8), axis=0) if len(values) else values
-    return np.asarray(np.log(parts).sum(axis=0))
-
-
 class RepeatedFrames(ComparingRule):
     name, needs = "repeated frames", ("several",)
     words = "the time between two frames is too short, or a row repeats the one before while all moves"
@@ -127,7 +122,7 @@ class RepeatedFrames(ComparingRule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """The first three of `between`; and, of rows that repeat the action as well, the others."""
-        columns, offsets, size = block.columns, block.offsets, block.size[~block.columns.is_action]
+        columns, offsets, size = block.columns, block.offsets, block.size[: (~block.columns.is_action).sum()]
         changed: Array = np.any(size > 0, axis=0)
         least = settings.REPEAT_MOTION * columns.motion
         of_states = RepeatedFrames.between(changed, block.motion > least, offsets)
@@ -148,7 +143,9 @@ class RepeatedFrames(ComparingRule):
         after = np.append(starts[1:], 0)
         inside = ~is_first & ~np.append(is_first[1:], True) & moves[starts] & moves[after]
         repeated = np.where(inside, runs - 1, 0)
-        longest, number = first_largest(repeated, bounds), np.add.reduceat(repeated, bounds)
+        top = np.repeat(np.maximum.reduceat(repeated, bounds), np.diff(bounds, append=len(repeated)))
+        places, number = np.flatnonzero(repeated == top), np.add.reduceat(repeated, bounds)
+        longest = places[np.searchsorted(places, bounds)]
         length = repeated[longest]
         repeated[longest] = 0
         return number, starts[longest] + 1 - offsets[:-1], length, np.maximum.reduceat(repeated, bounds)

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 
 import numpy as np
 
 from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock, means, not_recorded
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
-from rpil.numerics.types import Array, Bool, Float, Int, Shaped
+from rpil.numerics.types import Array, Bool, Float, Int
 
 
 class HeldValue(ComparingRule):
@@ -29,20 +30,15 @@ class HeldValue(ComparingRule):
         the value; and the lowest and the highest value. A column rests with its partner, as a hand that is closed:
         steps count in which that changes. Then from where on no observation changes, and in how many steps the action
         does; and how far the partner is from the value as the run begins, and at most in it."""
-        values, offsets, partner, is_state = (
-            block.values,
-            block.offsets,
-            block.columns.partner,
-            ~block.columns.is_action,
-        )
-        begins, ends, n_states = offsets[:-1], offsets[1:], is_state.sum()
+        values, offsets, partner = block.values, block.offsets, block.columns.partner
+        begins, ends, n_states = offsets[:-1], offsets[1:], (~block.columns.is_action).sum()
         stays = block.size == 0
         stays[:, begins] = False
-        still, first, length = longest_runs(
-            stays,
-            lambda c, t: block.moves[t] & ((partner[c] < 0) | (block.size[partner[c], t] > 0)),
-            offsets,
-        )
+
+        def counts(c: Array, t: Array) -> Array:
+            return block.moves[t] & ((partner[c] < 0) | (block.size[partner[c], t] > 0))
+
+        still, first, length = longest_runs(stays, counts, offsets)
         at = values[np.arange(len(values)), first + begins[:, None]]
         together = stays[:n_states].all(axis=0, keepdims=True) & ~np.isin(np.arange(len(block.moves)), begins)
         acts = block.size[n_states:]
@@ -161,9 +157,8 @@ def few(n_demonstrations: int) -> float:
 
 def largest(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Float[Array, "M C"], Int[Array, "M C"]]:
     """The largest value of each demonstration, and the first step of the demonstration that has it."""
-    begins = np.arange(len(values))[:, None] * values.shape[1] + offsets[:-1]
-    place = first_largest(values.ravel(), begins.ravel()).reshape(begins.shape)
-    return values.ravel()[place].T, (place - begins).T
+    place = np.array([values[:, a:b].argmax(axis=1) for a, b in pairwise(offsets.tolist())])
+    return values[np.arange(len(values)), place + offsets[:-1, None]], place
 
 
 def next_largest(values: Float[Array, "C T"], step: Int[Array, "M C"], offsets: Int[Array, " _"]) -> Array:
@@ -175,13 +170,6 @@ def next_largest(values: Float[Array, "C T"], step: Int[Array, "M C"], offsets: 
     found = np.maximum.reduceat(values, offsets[:-1], axis=1).T
     values[at] = there
     return np.asarray(found)
-
-
-def first_largest(values: Shaped[Array, " K"], begins: Int[Array, " P"]) -> Int[Array, " P"]:
-    """Where the largest value of each part is first; the parts follow one another."""
-    top = np.repeat(np.maximum.reduceat(values, begins), np.diff(begins, append=len(values)))
-    places = np.flatnonzero(values == top)
-    return np.asarray(places[np.searchsorted(places, begins)])
 
 
 def longest_runs(
@@ -267,7 +255,7 @@ def resting_rows(block: MovingBlock, is_command: bool, by_states: bool = True) -
         return rests
     drift = settings.REST_DRIFT * columns.spread[tells] + 1e-12
     bands = {w: settings.REST_FAR * np.sqrt(2 / w) * noise + drift * w for w in settings.REST_WIDTHS}
-    of_states, reach = {w: band[states] for w, band in bands.items()}, settings.REST_FAR * (noise + drift)[:, None]
+    of_states, reach = {w: band[states] for w, band in bands.items()}, settings.REST_FAR * (noise + drift)
     same: Array = np.ones(actions.shape, dtype=bool)
     np.equal(actions[1:], actions[:-1], out=same[1:])
     same = np.asarray((same if is_command else same | (actions == 0)).all(axis=1))
@@ -286,16 +274,31 @@ def resting_rows(block: MovingBlock, is_command: bool, by_states: bool = True) -
         a, b = a[n[a] == n[b]], b[n[a] == n[b]]  # else the action tells
         k = np.searchsorted(offsets, a, side="right") - 1
         found.append((own, reach, a, b, offsets[k], offsets[k + 1]))
-    for values, far, *of_runs in found:
-        for a, b, low, high in zip(*(of.tolist() for of in of_runs), strict=True):
-            order, n = np.sort(values[:, a:b], axis=1), b - a
-            middle = (order[:, (n - 1) // 2, None] + order[:, n // 2, None]) / 2
-            near = np.flatnonzero((np.abs(values[:, a:b] - middle) <= far).all(axis=0))
-            if len(near) and near[-1] - near[0] >= settings.REST_ROWS - 1:  # in the first it arrives
-                is_head, is_tail = (x - y <= settings.REST_ROWS // 2 for x, y in ((a, low), (high, b)))
-                first = low if is_head and low in offsets else a + near[0] + 1  # at the ends a few rows tell little
-                rests[first : high if is_tail and high in offsets else a + near[-1] + 1] = True
+    for values, far, a, b, low, high in found:
+        first, last = near_middle(values, far, a, b)
+        long = last - first >= settings.REST_ROWS - 1  # in the first it arrives; at the ends a few rows tell little
+        is_head = (a - low <= settings.REST_ROWS // 2) & np.isin(low, offsets)
+        is_tail = (high - b <= settings.REST_ROWS // 2) & np.isin(high, offsets)
+        begins, ends = np.where(is_head, low, first + 1), np.where(is_tail, high, last + 1)
+        rests |= covered(len(rests), begins[long], ends[long])
     return long_runs(rests, offsets)
+
+
+def near_middle(
+    values: Float[Array, "C T"], far: Float[Array, " C"], begins: Int[Array, " R"], ends: Int[Array, " R"]
+) -> tuple[Int[Array, " R"], Int[Array, " R"]]:
+    """The first and the last row of each part in which every column is no further from its median there than `far`; T
+    and -1 where there is none."""
+    n, run = ends - begins, np.repeat(np.arange(len(begins)), ends - begins)
+    starts = np.cumsum(n) - n
+    rows = np.arange(len(run)) + (begins - starts)[run]
+    near = np.ones(len(rows), dtype=bool)
+    for own, most in zip(values[:, rows], far, strict=True):
+        order = own[np.lexsort((own, run))]
+        middle = (order[starts + (n - 1) // 2] + order[starts + n // 2]) / 2
+        near &= np.abs(own - middle[run]) <= most
+    first = np.minimum.reduceat(np.where(near, rows, values.shape[1]), starts)
+    return first, np.maximum.reduceat(np.where(near, rows, -1), starts)
 
 
 def idle_runs(block: MovingBlock, is_command: bool) -> tuple[Int[Array, " M"], ...]:

@@ -10,10 +10,11 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided, sliding_window_view
 
 from rpil.faults import settings
 from rpil.faults.lag import centred
@@ -66,8 +67,8 @@ def _fitted(sample: MovingBlock, own: Int[Array, "P 2"]) -> Tracked:
     if not len(own):
         return pairs
     pairs = replace(pairs, lag=int(np.median(misfits(sample, pairs), axis=0).argmin()) - settings.MAX_SHIFT)
-    every = [relation(*parts, False)[:2] for parts in parts_of(sample, pairs)]
-    slope, share = (np.quantile(np.array(each), 0.5, axis=0, method="lower") for each in zip(*every, strict=True))
+    every = relation(parts_of(sample, pairs), False)[:2]
+    slope, share = (np.quantile(each, 0.5, axis=0, method="lower") for each in every)
     fits = share >= settings.TRACKS
     slope = np.where(fits & (np.abs(slope - 1.0) <= settings.SAME_UNIT), 1.0, slope)
     is_command = bool((fits & (slope == 1.0)).sum() >= max(2, len(own) / 2))
@@ -118,51 +119,58 @@ def squared_correlation(actions: Float[Array, "A T"], states: Float[Array, "S T"
     return np.asarray((a @ s.T) ** 2 / np.where(power > 0, power, np.inf))
 
 
-def relation(actions: Float[Array, "P T"], states: Float[Array, "P T"], is_command: bool) -> tuple[Array, ...]:
+def relation(parts: Iterable[tuple[Array, Array]], is_command: bool) -> tuple[Array, ...]:
     """Slope and squared correlation of each action with its own state; the other state that goes with it best; and the
-    shares of its variance that its own state, as it is for commands, and the other leave."""
-    own, (u, v) = np.arange(len(actions)), (x.mean(axis=1, keepdims=True) for x in (actions, states))
-    a, s = actions - u, states - v
-    both, power, other = a @ s.T, np.einsum("pt,pt->p", a, a), np.einsum("pt,pt->p", s, s)
-    every = np.outer(power, other)
+    shares of its variance that its own state, as it is for commands, and the other leave; of each of the `parts_of`
+    demonstrations, (M, P)."""
+    sums = []
+    for actions, states in parts:
+        u, v = (x.sum(axis=1, keepdims=True) / x.shape[1] for x in (actions, states))
+        a, s = actions - u, states - v
+        squares = (np.einsum("pt,pt->p", x, x) for x in (a, s))
+        sums.append((a @ s.T, *squares, actions.shape[1] * (u - v.T) ** 2))
+    both, power, other, apart = map(np.array, zip(*sums, strict=True))
+    own, every = np.arange(both.shape[1]), power[:, :, None] * other[:, None]
     share, power = both**2 / np.where(every > 0, every, np.inf), np.maximum(power, 1e-200)
-    slope = np.sign(both[own, own]) * np.sqrt(power / np.maximum(other, 1e-300))
+    slope = np.sign(both[:, own, own]) * np.sqrt(power / np.maximum(other, 1e-300))
     left = 1.0 - share
     if is_command:
-        squares = power[:, None] + other - 2.0 * both + actions.shape[1] * (u - v.T) ** 2
-        left = np.maximum(squares, 0.0) / power[:, None]
-    mine = left[own, own]
-    left[own, own] = np.inf
-    best = left.argmin(axis=1) if len(own) else own
-    return slope, share[own, own], best, mine, left[own, best]
+        left = np.maximum(power[:, :, None] + other[:, None] - 2.0 * both + apart, 0.0) / power[:, :, None]
+    mine = left[:, own, own]
+    left[:, own, own] = np.inf
+    best = left.argmin(axis=2) if len(own) else np.zeros(power.shape, dtype=int)
+    return slope, share[:, own, own], best, mine, np.take_along_axis(left, best[..., None], axis=2)[..., 0]
 
 
 def misfits(block: MovingBlock, pairs: Tracked) -> Float[Array, "M K"]:
     """Share of the variance of the actions that is left where the states are taken later by -L to L steps, over all
     pairs, each in its usual spread."""
     fits = np.flatnonzero(pairs.fits)[: settings.LAG_PAIRS]
-    own, begin, end = pairs.action[fits], block.offsets[:-1], block.offsets[1:]
-    spread, steps = block.columns.spread[own, None], int(end[-1])
-    actions = centred(block.values[own] / spread, block.offsets)
-    states = centred(block.values[pairs.state[fits]] * (pairs.slope[fits, None] / spread), block.offsets)
-    lags = np.arange(-settings.MAX_SHIFT, settings.MAX_SHIFT + 1)[:, None]
-    late, early, n = np.maximum(lags, 0), np.maximum(-lags, 0), np.maximum(end - begin - abs(lags), 0)  # (K, M)
-    products = np.zeros((len(lags), steps))
-    for own_lag, e, k in zip(products, early[:, 0].tolist(), late[:, 0].tolist(), strict=True):
-        np.einsum("pt,pt->t", actions[:, e : steps - k], states[:, k : steps - e], out=own_lag[: max(steps - e - k, 0)])
-    total = _totals(products)
-    both = np.take_along_axis(total, begin + n, axis=1) - total[:, begin]
-    sums = []
-    for values, k in ((actions, early), (states, late)):
-        first = np.minimum(begin + k, end)
-        every = _totals(values), _totals(np.einsum("pt,pt->t", values, values))
-        sums += [of[..., first + n] - of[..., first] for of in every]
-    (a, aa, s, ss), n = sums, np.maximum(n, 1)
-    left = (aa + ss - 2.0 * both) / n - (((a - s) / n) ** 2).sum(axis=0)
-    power = aa[settings.MAX_SHIFT]
-    return np.asarray(np.maximum(left, 0.0).T / np.maximum(power / (end - begin), 1e-12)[:, None])
-
-
-def _totals(values: Array) -> Array:
-    """Sums of the first 0, 1, ... steps."""
-    return np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)
+    own, n, lengths, far = pairs.action[fits], len(fits), np.diff(block.offsets), settings.MAX_SHIFT
+    spread, width = block.columns.spread[own, None], 3 * far
+    # One demonstration after the other in parts of `width` steps, with L zeros or more between; and sums of squares.
+    parts = -(-(lengths + far) // width)
+    heads = np.cumsum(parts) - parts
+    begins = heads * width + far
+    rows = np.arange(block.offsets[-1]) + np.repeat(begins - block.offsets[:-1], lengths)
+    both = np.zeros((2, n + 1, parts.sum() * width + 2 * far))
+    both[0, :n][:, rows] = centred(block.values[own] / spread, block.offsets)
+    slope = pairs.slope[fits, None] / spread
+    both[1, :n][:, rows] = centred(block.values[pairs.state[fits]] * slope, block.offsets)
+    np.einsum("kpt,kpt->kt", both[:, :n], both[:, :n], out=both[:, n])
+    # The products of all steps of a part with all that are near, which have those of each lag on a diagonal.
+    near = sliding_window_view(both[1, :n], width + 2 * far, axis=1)[:, ::width].transpose(1, 0, 2)
+    every = both[0, :n, far:-far].reshape(n, -1, width).transpose(1, 2, 0) @ near
+    down, right = every.strides[1:]
+    shape, strides = (len(every), width, 2 * far + 1), (every.strides[0], down + right, right)
+    products = np.add.reduceat(as_strided(every, shape, strides).sum(axis=1), heads)
+    # Less what is not compared at a lag: the first steps of the one, and the last steps of the other.
+    steps, nothing = np.arange(far), np.zeros((n + 1, len(parts), 1))
+    ends = (begins[:, None] + steps, (begins + lengths - 1)[:, None] - steps)
+    first, last = (np.cumsum(both[:, :, at], axis=-1) for at in ends)
+    a, s = (np.concatenate([x[..., ::-1], nothing, y], 2) for x, y in ((first[0], last[0]), (last[1], first[1])))
+    power, other = np.add.reduceat(both[:, n], begins, axis=1)
+    compared = np.maximum(lengths[:, None] - np.abs(np.arange(-far, far + 1)), 1)
+    left = (power + other)[:, None] - a[n] - s[n] - 2.0 * products
+    left = left / compared - (((a - s)[:n] / compared) ** 2).sum(axis=0)
+    return np.asarray(np.maximum(left, 0.0) / np.maximum(power / lengths, 1e-12)[:, None])

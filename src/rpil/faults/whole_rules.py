@@ -88,13 +88,12 @@ class OtherLag(ComparingRule):
     def usual(self) -> str:
         """The usual lag in words."""
         tracked, pairs = self.data.learned.tracked, self.data.learned.pairs
-        p = int(tracked.fits.argmax()) if tracked.is_command else 0
-        action, state, lag = (
-            (tracked.action[p], tracked.state[p], tracked.lag)
-            if tracked.is_command
-            else (pairs[0].action, pairs[0].state, pairs[0].lag)
-        )
-        first, second = [self.columns.names[c] for c in (action, state)][:: 1 if lag >= 0 else -1]
+        if tracked.is_command:
+            p, lag = tracked.fits.argmax(), tracked.lag
+            both = tracked.action[p], tracked.state[p]
+        else:
+            both, lag = (pairs[0].action, pairs[0].state), pairs[0].lag
+        first, second = [self.columns.names[c] for c in both][:: 1 if lag >= 0 else -1]
         return f"{second} follows {first} after {self.data.in_steps(abs(lag))}"
 
 

@@ -139,8 +139,8 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
     path : path or frame
         A file or folder of any known format, or a data frame.
     on_disk : bool, optional
-        Leave the demonstrations on disk, as a `Dataset` of any size, which is a copy in a temporary folder, or read
-        them into memory; by default those that take more than `memory` stay there.
+        Leave the demonstrations on disk, as a `Dataset` (a copy in a temporary folder), or read them into memory; by
+        default data that take more than `memory` stay on disk.
     **columns
         As for `rpil.read`, and ``operator``, ``task``, ``session``, ``outcome``: see `ColumnOptions`.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Set
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,15 +14,14 @@ from rpil.data.archive import Npz, open_npz, write_npz
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.files import replacing
-from rpil.data.folders import is_hidden
+from rpil.data.files import is_hidden, replacing
 from rpil.data.guard import guarded
 from rpil.data.json_files import object_in, read_json
 from rpil.data.names import TASK, is_observation, may_be_outcome, natural_key, plain_name
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.containers import ZIP, is_zarr, keep_groups, open_hdf5, open_zarr
-from rpil.formats.format import Format, StepTables, kept_of
+from rpil.formats.format import Format, StepTables
 from rpil.formats.metadata import Metadata
 from rpil.formats.scan import commas, without_damaged
 from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts, read_once
@@ -189,7 +188,7 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]
         write_npz(temporary, {**truth, **arrays})
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
+def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> None:
     """Write the demonstrations called `ids`, with all that the file says of them.
 
     In NPZ an array with one value for each step or demonstration is cut, any other is written whole. Where no array
@@ -203,7 +202,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
     these = Arrays(arrays, path.name, options=options)
     cut = these.cut()
     there, n = list(dict.fromkeys(cut.ids.tolist())), len(cut.ids)
-    kept = kept_of(there, ids, path)
+    kept = [m for m in there if str(m) in ids]
     rows, whole = np.isin(cut.ids, kept), np.isin(there, kept)
     masks = {n: rows, n + 1: np.append(rows, rows[-1])}  # one more comes after the last action
     masks = masks if cut.by_marks else {len(there): whole, **masks}
@@ -215,8 +214,7 @@ def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) ->
         is_last = np.append(cut.ids[1:] != cut.ids[:-1], True)
         timeouts = is_last & ~these.flags(these.names["terminals"], is_last.shape)
         kept_arrays[ROLES["cuts"][0]] = timeouts[rows]
-    with replacing(output) as temporary:
-        write_npz(temporary, {**arrays, **kept_arrays})
+    write_npz(output, {**arrays, **kept_arrays})
 
 
 def unkept(path: Path, options: ColumnOptions) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from typing import Literal
 
@@ -127,23 +127,11 @@ class Columns:
     id_written: bool = False  # ids are text, of which whole numbers are numbers
     intervention: str | None = None  # a flag of the steps in which a person had taken over
 
-    def without_observations(self, reasons: Mapping[str, str]) -> Columns:
-        """The same, where some columns are no observations for the `reasons`, of which a time may give the order."""
-        ignored = {**self.ignored, **by_column(reasons, self.lists)}
-        clocks = (m for m, why in reasons.items() if why == TIME_OF_STEP)
-        left = tuple(m for m in self.observations if m not in reasons)
-        return replace(self, observations=left, ignored=ignored, times=(*self.times, *clocks))
-
     @property
     def stored(self) -> list[str]:
         """The columns of the file that hold all columns to read."""
         owners = {part: name for name, parts in self.lists.items() for part in parts}
         return list(dict.fromkeys(owners.get(name, name) for name in self.all))
-
-    @property
-    def data(self) -> list[str]:
-        """The columns that hold the demonstrations themselves."""
-        return self._there(self.episode, *self.actions, *self.observations)
 
     @property
     def facts(self) -> list[str]:
@@ -154,14 +142,10 @@ class Columns:
 
     @property
     def all(self) -> list[str]:
-        """All columns to read."""
-        ones = self.operator, self.task, self.intervention
-        named = [*(name for name in ones if name is not None), *self.facts]
-        return self._there(*self.data, *self.orders, *self.index, *self.parts, *self.times, *named)
-
-    def _there(self, *names: str) -> list[str]:
-        """Different names, without those of columns that are not there yet."""
-        return [name for name in dict.fromkeys(names) if name not in self.made]
+        """All columns to read, without those that are not there yet."""
+        data, ones = (self.episode, *self.actions, *self.observations), (self.operator, self.task, self.intervention)
+        others = *self.orders, *self.index, *self.parts, *self.times, *ones, *self.facts
+        return [name for name in dict.fromkeys((*data, *others)) if name is not None and name not in self.made]
 
 
 def by_column(reasons: Mapping[str, str], lists: Mapping[str, Sequence[str]]) -> dict[str, str]:

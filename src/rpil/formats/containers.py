@@ -14,7 +14,7 @@ import os
 import re
 import warnings
 import zipfile
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Mapping, Set
 from contextlib import suppress
 from functools import cache, cached_property
 from pathlib import Path
@@ -22,15 +22,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rpil.data.arrays import Id
 from rpil.data.errors import DataError, optional
-from rpil.data.files import cannot_be_written, check_readable, replacing
+from rpil.data.files import check_readable
 from rpil.data.guard import guarded
 from rpil.data.memory import MIB, check_free
 from rpil.data.names import natural_key
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import kept_of
 from rpil.formats.step_arrays import Closed
 from rpil.numerics.types import Array
 
@@ -150,34 +148,31 @@ class _FileArray:
             raise DataError(f"{where}: its chunks hold more than they declare; copy or write it again.")
 
 
-def keep_groups(path: Path, output: Path, ids: Sequence[Id]) -> None:
+def keep_groups(path: Path, output: Path, ids: Set[str]) -> None:
     """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others.
 
-    A `DataError` that names the `output` where the system fails to write it.
+    An `OSError` with its number where the system fails to write it.
     """
     import h5py
 
     source, arrays = open_hdf5(path)
-    with replacing(output) as temporary:
-        within, found = arrays.groups()
-        names = kept_of(found, ids, path)
-        try:
-            with h5py.File(temporary, "w") as new:
-                dropped = found.keys() - names
-                _copy(source, new, {"mask", within.strip("/")} if within else {"mask", *dropped})
-                if within:
-                    _copy(source[within], new.create_group(within), dropped)
-                if "total" in (about := new[within or "/"].attrs):
-                    about["total"] = sum(found[name].n_steps for name in names)
-                for key, one in arrays.arrays.items():
-                    if key.startswith("mask/") and one.shape:
-                        listed = [name for name in np.asarray(one[:]).tolist() if name.decode() in names]
-                        new[key] = np.array(listed, dtype="S")
-        except (OSError, RuntimeError) as error:  # of h5py, for the same cause
-            failed = _WRITE_FAILED.search(str(error))
-            if failed is None:
-                raise
-            raise cannot_be_written(output, os.strerror(int(failed[1]))) from error
+    within, found = arrays.groups()
+    try:
+        with h5py.File(output, "w") as new:
+            dropped = found.keys() - ids
+            _copy(source, new, {"mask", within.strip("/")} if within else {"mask", *dropped})
+            if within:
+                _copy(source[within], new.create_group(within), dropped)
+            if "total" in (about := new[within or "/"].attrs):
+                about["total"] = sum(part.n_steps for name, part in found.items() if name in ids)
+            for key, one in arrays.arrays.items():
+                if key.startswith("mask/") and one.shape:
+                    listed = [name for name in np.asarray(one[:]).tolist() if name.decode() in ids]
+                    new[key] = np.array(listed, dtype="S")
+    except (OSError, RuntimeError) as error:  # of h5py, for the same cause
+        if failed := _WRITE_FAILED.search(str(error)):
+            raise OSError(int(failed[1]), "write failed") from error
+        raise
 
 
 def _copy(group: h5py.Group, new: h5py.Group, without: Container[str]) -> None:

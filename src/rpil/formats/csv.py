@@ -16,16 +16,15 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
 
-from rpil.data.cells import each_text, from_cell, to_cell
 from rpil.data.errors import DamagedError, DataError
 from rpil.data.files import replacing
 from rpil.data.guard import guarded
 from rpil.data.memory import MIB, check_memory
-from rpil.data.text import counted
+from rpil.data.text import counted, each_text, from_cell, to_cell
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
-from rpil.formats.format import Format, StepTables, called, keep_one_file
+from rpil.formats.format import Format, StepTables, called
 from rpil.formats.places import in_two_files
 from rpil.formats.scan import without_damaged
 from rpil.formats.steps import ArrowFile
@@ -56,7 +55,6 @@ class TextTable:
     skip_rows: int  # lines up to the first row of values
     separator: str
     decimal: str
-    on_disk: bool  # whether its rows are copied to disk
 
     @property
     def words(self) -> str:
@@ -128,7 +126,7 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
     cells = (cell.strip('"') for line in lines[start + 1 :] if separator != "," for cell in line.split(separator))
     signs = {found[1] for cell in cells if (found := _WRITTEN_NUMBER.fullmatch(cell))}
     decimal = "," if "," in signs and "." not in signs else "."
-    return TextTable(path, tuple(names), start + 1, separator, decimal, options.on_disk)
+    return TextTable(path, tuple(names), start + 1, separator, decimal)
 
 
 def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, default_id: str | None = None) -> StepTables:
@@ -151,17 +149,12 @@ def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, defau
     columns = replace(find_text_columns(first, options, default_id), id_written=True)
     seen: dict[str, str] = {}
     for name in files if columns.episode == FILE else ():
-        other = seen.setdefault(without_suffix(name), name)
+        other = seen.setdefault(stem := _SUFFIX.sub("", name), name)
         if other != name:
-            raise in_two_files(without_suffix(name), other, name, source)
+            raise in_two_files(stem, other, name, source)
     words = first.words if default_id is None else f"{first.words}, {counted(len(files), 'file')}"
     tables, sizes = _rows_of(files, columns, source)
     return StepTables(tables, columns, source, words, sizes, skipped=tuple(damaged))
-
-
-def without_suffix(name: str) -> str:
-    """The name of a file without ``.csv`` and the like."""
-    return _SUFFIX.sub("", name)
 
 
 def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
@@ -189,7 +182,7 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
         content = content[: content.find(b"\n", _HEAD_BYTES) + 1] or content  # whole lines
         options_of_head = _options(file, len(content) + 1)
         with pa.csv.open_csv(pa.BufferReader(content), *options_of_head) as reader:
-            first = pa.Table.from_batches(itertools.islice(reader, 1), reader.schema)
+            first = reader.read_all()  # one block: a reader that has not seen the end may outlive Python, and abort
         kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS))
     if not len(first) and default_id is None:
         said = "it has no rows; write one for each step below the names of its columns"
@@ -217,13 +210,12 @@ def _parsing(file: TextTable) -> Iterator[None]:
 
 def _options(file: TextTable, block_size: int, **conversion: object) -> tuple[object, ...]:
     """The options for reading, parsing and converting the bytes of a file."""
-
-    def on_invalid(row: pa.csv.InvalidRow) -> str:
-        return "skip" if row.text.lstrip().startswith("#") else "error"
-
     return (
         pa.csv.ReadOptions(column_names=file.names, skip_rows=file.skip_rows, block_size=block_size),
-        pa.csv.ParseOptions(delimiter=file.separator, invalid_row_handler=on_invalid),
+        pa.csv.ParseOptions(
+            delimiter=file.separator,
+            invalid_row_handler=lambda row: "skip" if row.text.lstrip().startswith("#") else "error",
+        ),
         pa.csv.ConvertOptions(decimal_point=file.decimal, **conversion),
     )
 
@@ -267,7 +259,7 @@ def _tables(
         names = [one for one in columns.all if one in file.names]
         options = _options(file, _BLOCK_BYTES, include_columns=names, strings_can_be_null=False, column_types=types)
         with _parsing(file), file.path.open("rb") as text:
-            if file.on_disk:
+            if columns.options.on_disk:
                 batches = pa.csv.open_csv(text, *options)
                 found = (pa.Table.from_batches([batch]) for batch in batches)
             else:
@@ -284,7 +276,7 @@ def _whole(table: pa.Table, name: str, file: TextTable, columns: Columns) -> pa.
     """The rows of a file called `name` with its name, if it is the id; spaces around texts go, and "" is null, but for
     observations."""
     if columns.episode == FILE:
-        table = table.append_column(FILE, [[without_suffix(name)] * len(table)])
+        table = table.append_column(FILE, [[_SUFFIX.sub("", name)] * len(table)])
     for k, field in enumerate(table.schema):
         if flat.kind_of_type(field.type) == "text" and field.name not in columns.observations:
             texts = each_text(lambda text: from_cell(text.strip()) or None, table[k].cast(pa.string()))
@@ -295,26 +287,23 @@ def _whole(table: pa.Table, name: str, file: TextTable, columns: Columns) -> pa.
     return table
 
 
-def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
-    """Write the lines of the demonstrations `ids` of a text table, and its comments; return the ids found."""
+def keep_text(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> None:
+    """Write the lines of the demonstrations `ids` of a text table, and its comments."""
     file = find_dialect(path, options)
-    column, found = file.names.index(find_text_columns(file, options, None).episode), set[str]()
+    column = file.names.index(find_text_columns(file, options, None).episode)
     with output.open("w", encoding="utf-8", newline="") as target:
         for _, line, values, fault in text_rows(file):
             if fault:
                 file.check()
-            demonstration = from_cell(values[column].strip()) if values else ""
-            found.add(demonstration)
-            if not values or demonstration in ids:
+            if not values or from_cell(values[column].strip()) in ids:
                 target.write(line)
-    return found & ids
 
 
 FORMAT = Format(
     name="CSV",
     claims=called(*TEXT_SUFFIXES),
     read=lambda path, options: read_files([path], options, path.name),
-    keep=keep_one_file(keep_text),
+    keep=keep_text,
     suffixes=TEXT_SUFFIXES,
     write=lambda path, *data: write_tables(path, iter([flat.from_demonstrations(*data)])),
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -28,9 +28,8 @@ from rpil.numerics.types import Array
 class Layout:
     """The arrays that columns make."""
 
-    observations: tuple[str, ...]
-    actions: tuple[str, ...]
-    names: Mapping[str, str]  # of these columns, as they are shown
+    observations: Mapping[str, str]  # the columns, and how each is shown
+    actions: Mapping[str, str]
     observation: np.dtype[np.generic]
     action: np.dtype[np.generic]
     n_parts: int  # of an action; 0 where actions are discrete, and where a single number may yet be
@@ -52,18 +51,8 @@ class Layout:
         has_lists = any(len({*parts} & {*seen}) > 1 for parts in columns.lists.values())
         allows_missing = columns.options.allow_missing or columns.options.skip_bad is True
         order: Literal["F", "C"] = "C" if has_lists else "F"
-        names, kind = _shown(seen) | _shown(acted), columns.options.action_kind
-        return cls(seen, acted, names, observation, action, n_parts, order, allows_missing, kind)
-
-    @property
-    def observation_names(self) -> tuple[str, ...]:
-        """Names of the D numbers of an observation."""
-        return tuple(self.names[name] for name in self.observations)
-
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        """Names of the numbers of an action."""
-        return tuple(self.names[name] for name in self.actions)
+        kind = columns.options.action_kind
+        return cls(_shown(seen), _shown(acted), observation, action, n_parts, order, allows_missing, kind)
 
     @property
     def columns(self) -> list[str]:
@@ -84,14 +73,17 @@ class Layout:
                 self._fill(observations[own], table, self.observations, at)
                 self._fill(actions[own].reshape(len(table), -1), table, self.actions, at)
 
-    def _fill(self, out: Array, table: pa.Table, columns: Sequence[str], at: Place) -> None:
-        for k, name in enumerate(columns):
+    def _fill(self, out: Array, table: pa.Table, columns: Collection[str], at: Place) -> None:
+        together: list[Array] = []
+        for k, name in enumerate(columns, start=1):
             values = flat.column_values(table, name, at, self.allows_missing)
             if values.dtype.kind == "U" and out.dtype.kind != "U":
                 row = next((row for row, text in enumerate(values) if not flat.is_number(text)), 0)
                 said = f"column {name!r} holds text ({str(values[row])[:40]!r}), not numbers"
                 raise DataError(f"{at(row)}: {said}; write numbers, or leave the column out with <option>.", "exclude")
-            out[:, k] = values
+            together.append(values)
+            if not k % 16 or k == len(columns):  # several at a time, as numbers of a row lie together
+                out[:, k - len(together) : k], together = np.stack(together).T, []
 
 
 def _shown(names: Sequence[str]) -> dict[str, str]:
@@ -167,12 +159,12 @@ class Dataset(DemonstrationSet):
     @property
     def observation_names(self) -> tuple[str, ...]:  # type: ignore[override]
         """Names of the D numbers of an observation."""
-        return self.layout.observation_names
+        return tuple(self.layout.observations.values())
 
     @property
     def action_names(self) -> tuple[str, ...]:
         """Names of the parts of an action."""
-        return self.layout.action_names
+        return tuple(self.layout.actions.values())
 
     @property
     def n_actions(self) -> int:

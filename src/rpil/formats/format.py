@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import pyarrow as pa
 
-from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
-from rpil.data.files import replacing
-from rpil.data.id_values import check_ids
-from rpil.data.names import natural_key, quoted
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.metadata import Metadata
 from rpil.formats.steps import ArrowFile
 from rpil.numerics.types import Array
-
-K = TypeVar("K", bound=Id)
 
 
 @runtime_checkable
@@ -80,21 +72,14 @@ def plain_columns(table: pa.Table) -> pa.Table:
     return table
 
 
-Keep = Callable[[Path, Path, Sequence[Id], ColumnOptions], None]
-"""Writes the demonstrations of these ids, in the order of the file, with all that it says of them."""
+Keep = Callable[[Path, Path, Set[str], ColumnOptions], object]
+"""Writes the demonstrations of these ids, as text, in the order of the file, with all that it says of them. All of them
+are there; so is the output, empty, where it is a folder."""
 
 
 def called(*suffixes: str) -> Callable[[Path], bool]:
     """Whether a path is a file whose name ends so."""
     return lambda path: path.is_file() and path.name.lower().endswith(suffixes)
-
-
-def write_list(output: Path, ids: Sequence[Id]) -> None:
-    """Write ids as JSON, ``{"episodes": [...]}``, where the `output` is called so, or else as text, one a line."""
-    is_json = output.suffix.lower() == ".json"
-    text = json.dumps({"episodes": [*ids]}, indent=1) if is_json else "\n".join(map(str, ids))
-    with replacing(output) as temporary:
-        temporary.write_text(f"{text}\n", encoding="utf-8")
 
 
 @dataclass(frozen=True)
@@ -126,7 +111,7 @@ class Format:
     # Whether the file or folder there has this format: False if unsure, and a `DataError` only to stop the search.
     claims: Callable[[Path], bool]
     read: Callable[[Path, ColumnOptions], StepTables]  # a `DataError` where it cannot be read
-    keep: Keep | None = None  # ids are as `read` gives them, or text; nothing is at the output where it fails
+    keep: Keep | None = None
     # What `keep` writes no new file of, in words; empty where it writes one.
     unkept: Callable[[Path, ColumnOptions], str] = lambda *_: ""
     suffixes: tuple[str, ...] = ()  # extensions of its files; those that `write` writes have the first
@@ -139,24 +124,3 @@ class Format:
     # Writes a copy to a new folder that says more of each demonstration: by the name of a column, values by id as text.
     annotate: Callable[[Path, Path, Mapping[str, Mapping[str, object]]], None] | None = None
     shots: Callable[[Path], Sequence[Shot]] | None = None  # where in video files each is seen; these need not be there
-
-
-def kept_of(there: Iterable[K], ids: Sequence[Id], path: Path) -> list[K]:
-    """Members of `there`, the demonstrations that are called `ids`, in their order; a `DataError` on an unknown id."""
-    names = list(there)
-    check_ids(ids, names, path.name, "the ids")
-    wanted = {*map(str, ids)}
-    return [name for name in names if str(name) in wanted]
-
-
-def keep_one_file(keep: Callable[[Path, Path, Set[str], ColumnOptions], set[str]]) -> Keep:
-    """The `Keep` of a format of single files, by a function that writes what there is of these ids and returns them."""
-
-    def checked(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
-        wanted = {*map(str, ids)}
-        with replacing(output) as temporary:
-            if missing := sorted(wanted - keep(path, temporary, wanted, options), key=natural_key):
-                fault = f"no demonstration is called {quoted(missing, 5)}; give ids that rpil.read gives"
-                raise DataError(f"{path}: {fault}.")
-
-    return checked

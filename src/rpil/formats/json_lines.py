@@ -18,7 +18,7 @@ from rpil.data.names import natural_key
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE, MEMORY_PER_BYTE
-from rpil.formats.format import Defect, Format, StepTables, from_arrow, keep_one_file, plain_columns
+from rpil.formats.format import Defect, Format, StepTables, from_arrow, plain_columns
 from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table_folder import has_tables
 
@@ -87,14 +87,13 @@ def _check_lines(file: Path) -> None:
                 raise DamagedError(f"{file.name}, {said}; delete it, or write an object on each line.")
 
 
-def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> set[str]:
-    """Copy the lines of the demonstrations `ids`, byte for byte; return the ids found."""
+def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> None:
+    """Copy the lines of the demonstrations `ids`, byte for byte."""
     table, lines = _parsed(path), [line for line in path.read_bytes().split(b"\n") if line.strip()]
     episode = from_arrow([table], options, path.name, "").columns.episode
     names, owners = flat.id_codes(table, episode, lambda _: path.name)
-    wanted = {k: str(name) for k, name in enumerate(names) if str(name) in ids}
+    wanted = {k for k, name in enumerate(names) if str(name) in ids}
     output.write_bytes(b"".join(line + b"\n" for line, owner in zip(lines, owners, strict=True) if owner in wanted))
-    return {*wanted.values()}
 
 
 def _find_defects(path: Path, _: bool) -> list[Defect]:
@@ -134,7 +133,7 @@ FORMAT = Format(
     name="JSON lines",
     claims=claims,
     read=read,
-    keep=keep_one_file(keep_lines),
+    keep=keep_lines,
     suffixes=JSON_SUFFIXES,
     unkept=lambda path, _: "folder of JSON lines" if path.is_dir() else "",
     find_defects=_find_defects,

@@ -18,9 +18,8 @@ from rpil.data.names import EPISODE, is_data
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
-from rpil.formats.format import Format, StepTables, called, keep_one_file
-from rpil.formats.meta_folder import MetaFolder, read_metadata
-from rpil.formats.metadata import Metadata
+from rpil.formats.format import Format, StepTables, called
+from rpil.formats.metadata import Metadata, MetaFolder, read_metadata
 from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, opened, read_table
 from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table import BATCH_ROWS, other_columns
@@ -156,19 +155,17 @@ def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
 
 def keep_rows(
     path: Path, output: Path, ids: Set[str], options: ColumnOptions, change: Change = lambda table: table
-) -> set[str]:
-    """Write the rows of the demonstrations `ids` of a Parquet file, after a `change`; return the ids found."""
-    found: set[str] = set()
-    tables = _kept_tables(path, ids, options, found)
+) -> None:
+    """Write the rows of the demonstrations `ids` of a Parquet file, after a `change`."""
+    tables = _kept_tables(path, ids, options)
     schema = next(tables).schema
     with pq.ParquetWriter(output, schema) as writer:  # whose errors must not be taken for those of the file
         for table in tables:
             writer.write_table(change(table).cast(schema))
-    return found
 
 
-def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[str]) -> Iterator[pa.Table]:
-    """An empty table of a Parquet file's columns, and then its rows of the demonstrations `ids`, which `found` gets."""
+def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions) -> Iterator[pa.Table]:
+    """An empty table of a Parquet file's columns, and then its rows of the demonstrations `ids`."""
     with opened(path) as file:
         schema = file.schema.to_arrow_schema()
         nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
@@ -176,9 +173,7 @@ def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions, found: set[s
         check_memory(max(check_sizes(file, schema.names, path), default=0), path.name, options.memory)
         yield schema.empty_table()
         names, owners = flat.id_codes(file.read([column], use_threads=False), column, lambda _: path.name)
-        wanted = {k: str(name) for k, name in enumerate(names) if str(name) in ids}
-        found |= {*wanted.values()}
-        rows = np.flatnonzero(np.isin(owners, [*wanted]))
+        rows = np.flatnonzero(np.isin(owners, [k for k, name in enumerate(names) if str(name) in ids]))
         first = 0
         for batch in file.iter_batches(_NESTED_ROWS if nested else BATCH_ROWS, use_threads=False):
             a, b = np.searchsorted(rows, [first, first + len(batch)])
@@ -192,7 +187,7 @@ FORMAT = Format(
     name="Parquet",
     claims=called(".parquet"),
     read=lambda path, options: read_files([str(path.absolute())], options, path.name),
-    keep=keep_one_file(keep_rows),
+    keep=keep_rows,
     suffixes=(".parquet",),
     write=lambda path, *data: write_tables(path, iter([flat.from_demonstrations(*data)])),
 )

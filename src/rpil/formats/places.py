@@ -13,13 +13,13 @@ import pyarrow as pa
 
 from rpil.data.arrays import Id, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
-from rpil.data.names import is_order, is_outcome
+from rpil.data.names import ORDER_COLUMNS, OUTCOME, plain_name
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
-from rpil.formats.metadata import unit_of
+from rpil.formats.metadata import find_clock
 from rpil.formats.steps import Steps
 from rpil.formats.table import Place
-from rpil.numerics.types import Array, Float, Int
+from rpil.numerics.types import Array, Int
 
 _WHOLE_NUMBER = re.compile(r"0|-?[1-9]\d{0,18}")
 _FILE_ORDER = "steps in the order of the file"
@@ -109,8 +109,8 @@ def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> t
 
 def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str) -> None:
     """A `DataError` where ids are yes or no; or where a user chose the time or number of a row."""
-    name, flags = columns.episode, {str(name).lower() for name in names[:3]}
-    if flags <= {"true", "false"} or (flags <= {"0", "1"} and is_outcome(name)):
+    name, plain, flags = columns.episode, plain_name(columns.episode), {str(name).lower() for name in names[:3]}
+    if flags <= {"true", "false"} or (flags <= {"0", "1"} and OUTCOME.fullmatch(plain)):
         raise DataError(
             f"{source}: column {name!r} is yes or no, and no id; where it marks the ends of demonstrations, make a "
             f"column of ids from it, in Python: numpy.cumsum({name}) - {name}."
@@ -124,7 +124,8 @@ def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str)
             "that is meant, call it episode_index; where <option> or <option> is given, give more seconds.",
             ("id", "split_gap", "split_gap", "segment"),
         )
-    if is_order(name) and 2 * np.count_nonzero(group[1:] != group[:-1]) > len(group):
+    is_order = any(pattern.fullmatch(plain) for pattern in ORDER_COLUMNS)
+    if is_order and 2 * np.count_nonzero(group[1:] != group[:-1]) > len(group):
         said = "looks like a time, or the number of a step, as it changes from row to row"
         raise DataError(f"{source}: {name!r} {said}; {ways}.", ("id", "split_gap"))
 
@@ -161,7 +162,13 @@ def shorter(
     "P01-0" and "P01-1"; and after each `segment` seconds from its first row on: into "P01 [0, 10) s" and
     "P01 [10, 20) s".
     """
-    seconds, is_new = _seconds(rows, columns), columns.episode in columns.made
+    clock, is_new = find_clock(replace(rows, offsets=np.arange(2)), columns), columns.episode in columns.made
+    if clock is None or clock.unit is None:
+        said = (
+            "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"
+        )
+        raise DataError(f"{columns.source}: {said} <option>; make one of times in texts.", "order")
+    seconds = clock.ticks * clock.unit
     if gap := columns.options.split_gap:
         steps, counts, labels = np.diff(seconds, prepend=np.nan), Counter[int](), list[Id]()
         starts = (steps > gap) | (steps < 0) | (np.diff(group, prepend=-1) != 0)
@@ -185,16 +192,3 @@ def _numbered(labels: Sequence[Id], rows: Array) -> tuple[list[Id], Int[Array, "
     numbers: dict[Id, int] = {}
     codes = [numbers.setdefault(label, len(numbers)) for label in labels]
     return [*numbers], np.array(codes, np.int32)[rows]
-
-
-def _seconds(rows: Steps, columns: Columns) -> Float[Array, " N"]:
-    """The first column of time whose unit is known in seconds; NaN where it has no value."""
-    table = rows.read([*columns.orders, *columns.times])
-    for name, column in zip(table.column_names, table.columns, strict=True):
-        values = flat.order_values(column.drop_null())
-        if values is not None and len(values) and (unit := unit_of(name, column.type, values)) is not None:
-            if flat.kind_of_type(column.type) == "time":
-                column = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64())
-            return np.asarray(column.cast(pa.float64(), safe=False).to_numpy()) * unit
-    said = "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"
-    raise DataError(f"{columns.source}: {said} <option>; make one of times in texts.", "order")

@@ -18,13 +18,12 @@ from rpil.data.files import StrPath
 from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
 from rpil.data.recorded_facts import Facts
-from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids
+from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids, by_column
 from rpil.formats.dataset import Dataset, Layout
 from rpil.formats.format import Defect, StepTables
 from rpil.formats.metadata import (
     Clock,
     Times,
-    clock_columns,
     different,
     find_clock,
     find_facts,
@@ -159,20 +158,11 @@ class Recording:
         found, steps, layout = self.found, self.steps, replace(self.found.layout, allows_missing=options.allow_missing)
         if found.fault is not None and (found.kind == "refused" or not options.allow_missing):
             raise found.fault
-        classes, n = found.classes, len(layout.action_names)
+        classes, n = found.classes, len(layout.actions)
         if found.fault is not None and layout.action.kind in "iu":  # numbers with gaps are no classes
             layout, classes = replace(layout, action=np.dtype(np.float64), n_parts=1), np.empty(0)
-        data = Dataset(
-            steps.ids,
-            steps.offsets,
-            steps.source,
-            steps,
-            layout,
-            classes,
-            found.low[:n],
-            found.high[:n],
-            options.memory,
-        )
+        ends = found.low[:n], found.high[:n]
+        data = Dataset(steps.ids, steps.offsets, steps.source, steps, layout, classes, *ends, options.memory)
         if not options.allow_missing:
             data.refuse_faulty(found.faulty)
         return data.select(slice(None)) if isinstance(steps.table, pa.Table) else data
@@ -197,14 +187,20 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
         if not is_sound.any():
             raise DataError(f"{source}: in every demonstration a value is missing or infinite; exclude the column.")
         aside, left_out, steps = [steps.ids[m] for m in sorted(seen.faulty)], seen.left_out, steps.only(is_sound)
-        left = tuple(name for name in layout.observations if name not in left_out)
+        left = {name: shown for name, shown in layout.observations.items() if name not in left_out}
         seen = scan(steps, replace(layout, observations=left), columns)
-    columns, found = columns.without_observations(left_out | seen.left_out), replace(found, tables=())
+    ignored, found = left_out | seen.left_out, replace(found, tables=())
+    columns = replace(
+        columns,
+        observations=tuple(m for m in columns.observations if m not in ignored),
+        ignored={**columns.ignored, **by_column(ignored, columns.lists)},
+        times=(*columns.times, *(m for m, why in ignored.items() if why == TIME_OF_STEP)),
+    )
     if len(steps.ids) < len(ids) or options.split_gap or options.segment:
         declared = found.metadata.lengths
         lengths = {m: declared[m] for m in steps.ids if m in declared}
         found = replace(found, metadata=replace(found.metadata, lengths=lengths))
-    clock = find_clock(steps.read(clock_columns(columns)), columns, steps.offsets)
+    clock = find_clock(steps, columns)
     description = _describe(steps, columns, seen, found, clock)
     n_asked = f"{asked.sum():,} of {len(ids):,} demonstrations are read, as asked."
     notes = (*description.notes, *([] if asked.all() else [n_asked]), *left_out_lines((), aside))
@@ -221,10 +217,8 @@ def _asked(ids: Sequence[Id], options: ColumnOptions, source: str) -> Array:
 
     def numbers(wanted: Ids, option: str) -> list[int]:
         """The numbers of those that a user names, by ids of Python or of NumPy; an empty text names none."""
-        found, several = (
-            list[int](),
-            [wanted] if isinstance(wanted, str) or not isinstance(wanted, Iterable) else wanted,
-        )
+        found = list[int]()
+        several = [wanted] if isinstance(wanted, str) or not isinstance(wanted, Iterable) else wanted
         for given in filter(None, map(str, () if wanted is None else several)):
             for name in [given] if given in places else map(str.strip, given.split(",")):
                 ends = _RANGE.fullmatch(name)
@@ -268,8 +262,8 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
         format=origin.format_name,
         demonstrations=len(steps.ids),
         steps=n_steps,
-        observations=layout.observation_names,
-        actions=layout.action_names,
+        observations=tuple(layout.observations.values()),
+        actions=tuple(layout.actions.values()),
         action_kind=found.kind,
         action_reason=found.reason,
         id_column=columns.episode,
@@ -287,7 +281,7 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
         notes=(
             *_notes(steps, columns, metadata.fps, recorded, constant),
             *origin.notes,
-            *(left_out_lines(origin.skipped) if origin.skipped else ()),
+            *left_out_lines(origin.skipped),
             *metadata.notes,
         ),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -16,13 +17,21 @@ import pyarrow as pa
 
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.files import StrPath, check_exists, check_extension, check_readable, check_writable
-from rpil.data.folders import check_folder
+from rpil.data.files import (
+    StrPath,
+    check_exists,
+    check_extension,
+    check_folder,
+    check_readable,
+    check_writable,
+    replacing,
+)
 from rpil.data.guard import guarded
+from rpil.data.id_values import check_ids
 from rpil.data.memory import TooLargeError, check_memory
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import Format, StepTables, called, from_arrow, kept_of, write_list
+from rpil.formats.format import Format, StepTables, called, from_arrow
 from rpil.formats.recording import Recording, from_tables
 
 _LISTS = (".json", ".txt")
@@ -55,14 +64,7 @@ def _read_foreign(point: EntryPoint, path: Path, options: ColumnOptions) -> Step
     return from_arrow(checked(), options, path.name, point.name)
 
 
-FORMATS: Iterable[Format] = Formats(
-    "parquet",
-    "csv",
-    "lerobot.folder",
-    "array_files",
-    "json_lines",
-    "table_folder",
-)
+FORMATS: Iterable[Format] = Formats("parquet", "csv", "lerobot.folder", "array_files", "json_lines", "table_folder")
 """The formats, in the order in which a path is shown to them: extensions of one format come first, because no file
 is opened for them; what any folder may be comes last."""
 
@@ -123,11 +125,18 @@ class ClaimedPath:
             new, path = self.check_output(output, options), Path(self.path)
             if not ids:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
-            if self.is_list(new):
-                write_list(new, kept_of(there or self.read(options).ids, ids, path))
-            else:
+            there, wanted = there or self.read(options).ids, {*map(str, ids)}
+            check_ids(ids, there, path.name, "the ids")
+            with replacing(new) as temporary:
+                if self.is_list(new):
+                    kept, is_json = [m for m in there if str(m) in wanted], new.suffix.lower() == ".json"
+                    text = json.dumps({"episodes": kept}, indent=1) if is_json else "\n".join(map(str, kept))
+                    temporary.write_text(f"{text}\n", encoding="utf-8")
+                    return
                 assert self.format.keep is not None, "check_output refuses what is not written"
-                self.format.keep(path, new, ids, options)
+                if path.is_dir():
+                    temporary.mkdir()
+                self.format.keep(path, temporary, wanted, options)
 
     def is_list(self, output: StrPath) -> bool:
         """Whether `keep` writes the list of the ids to an output of this name."""

@@ -57,14 +57,15 @@ class Scan:
     def add(self, table: pa.Table, owners: Array, at: Place) -> None:
         """Add the steps of whole demonstrations, whose numbers the `owners` (N,) are."""
         same = owners[1:] == owners[:-1]
-        read = {name: flat.numbers_or_nothing(table[name]) for name in self._read}
+        read = {name: _numbers(table[name]) for name in self._read}
         kind = np.float32 if all(own.dtype == np.float32 for own in read.values()) else float
         values = np.stack([*read.values()], dtype=kind)  # in which numbers are compared fast
-        if not (finite := np.isfinite(values).all(axis=0)).all():
+        low, high = values.min(axis=1), values.max(axis=1)
+        if not np.isfinite([low, high]).all():
             self.missing += np.isnan(values).sum(axis=1)
-            self.faulty.update(owners[~finite].tolist())
-        self.low = np.fmin(self.low, np.fmin.reduce(values, axis=1))
-        self.high = np.fmax(self.high, np.fmax.reduce(values, axis=1))
+            self.faulty.update(owners[~np.isfinite(values).all(axis=0)].tolist())
+            low, high = np.fmin.reduce(values, axis=1), np.fmax.reduce(values, axis=1)
+        self.low, self.high = np.fmin(self.low, low), np.fmax(self.high, high)
         for k in np.flatnonzero(self.within).tolist():
             self.within[k] = ((values[k, 1:] == values[k, :-1]) | ~same).all()
         for name in [*self.clocks] if same.any() else ():  # but for the rounding of its numbers
@@ -75,14 +76,20 @@ class Scan:
                 near = _ROUNDING * step + float(rounding)
                 if not 4 * near < step < inf or not (np.abs(grown - step) <= near).all():
                     del self.clocks[name]
+        if self.repeats:
+            self._add_repeats(read, same)
+        if not self.layout.n_parts:
+            self._add_action(table, at)
+
+    def _add_repeats(self, read: Mapping[str, Array], same: Array) -> None:
+        """Look at the columns that may repeat the action of the step before, where that is of the `same` demonstration,
+        and count the changes of the action."""
         actions = np.stack([read[name] for name in self.layout.actions], axis=1)
         before = actions[:-1][same]
         same_values = ((own, np.stack([read[name] for name in own], axis=1)[1:][same]) for own in self.repeats)
         with np.errstate(invalid="ignore"):  # actions of damaged files need not be whole
             self.repeats = {own for own, now in same_values if np.array_equal(now, before.astype(now.dtype))}
         self._n_changes += int((before != actions[1:][same]).any(axis=1).sum())
-        if not self.layout.n_parts:
-            self._add_action(table, at)
 
     def _add_action(self, table: pa.Table, at: Place) -> None:
         """Add the actions of one column, but for those that are missing."""
@@ -112,14 +119,14 @@ class Scan:
         self.left_out = found if len(found) < len(self.layout.observations) else {}
         kinds = [value_type(steps.table.schema.field(name).type).kind for name in self._read]
         self.low[np.array(kinds) == "U"] = np.nan  # texts have no range
-        left = [name for name in self.layout.observations if name not in self.left_out]
-        self.layout = layout = replace(self.layout, observations=tuple(left))
+        left = {name: shown for name, shown in self.layout.observations.items() if name not in self.left_out}
+        self.layout = layout = replace(self.layout, observations=left)
         if layout.n_parts:  # of which all are to be numbers
-            texts = [part for part, kind in zip(layout.action_names, kinds, strict=False) if kind == "U"]
+            texts = [part for part, kind in zip(layout.actions.values(), kinds, strict=False) if kind == "U"]
             self.kind, parts = "continuous", f"{layout.n_parts} numbers"
             self.reason = parts if layout.n_parts > 1 else "a column of a continuous action"
             if layout.n_parts > 1 and (texts or layout.action_kind == "discrete"):
-                own = (texts, "text"), ([part for part in layout.action_names if part not in texts], "numbers")
+                own = (texts, "text"), ([part for part in layout.actions.values() if part not in texts], "numbers")
                 said = ", ".join(f"{commas(names)} ({what})" for names, what in own if names)
                 self.kind, self.reason = "refused", f"the action has several parts: {said}"
                 self.fault = DataError(
@@ -145,10 +152,16 @@ class Scan:
         """Smallest and largest of the numbers that are there; the observations that differ between demonstrations, and
         never within one; and how many values are missing by the column; without the columns that are left out."""
         left = [(column, k) for k, column in enumerate(self._read) if column not in self.left_out]
-        names, low, high = self.layout.names, self.low.tolist(), self.high.tolist()
+        names, low, high = {**self.layout.actions, **self.layout.observations}, self.low.tolist(), self.high.tolist()
         ranges = {names[column]: (low[k], high[k]) for column, k in left if low[k] == low[k]}
         constant = [names[m] for m, k in left if m in self.layout.observations and self.within[k] and low[k] < high[k]]
         return ranges, constant, {column: int(self.missing[k]) for column, k in left if self.missing[k]}
+
+
+def _numbers(column: pa.ChunkedArray) -> Array:
+    """A column as (N,) numbers, with NaN where one is missing; texts are 0 or NaN."""
+    values = flat.numbers_or_missing(column)
+    return np.where(column.is_null().to_numpy(), np.nan, 0.0) if values is None else values[:, 0]
 
 
 def scan(steps: Steps, layout: Layout, columns: Columns) -> Scan:

@@ -39,6 +39,7 @@ class ArrowFile:
 
     def __init__(self, path: str, schema: pa.Schema, n_rows: int, n_batch: int, handle: int = -1) -> None:
         self.path, self.schema, self._n_rows, self.n_batch, self._handle = path, schema, n_rows, n_batch, handle
+        self._last: tuple[tuple[int | str, ...], pa.Table] | None = None
 
     def __len__(self) -> int:
         return self._n_rows
@@ -55,10 +56,14 @@ class ArrowFile:
 
     def batch(self, number: int, columns: Sequence[str]) -> pa.Table:
         """Some columns of a batch; its pages are mapped into memory for as long as the table is there."""
+        if self._last is not None and self._last[0] == (number, *columns):  # which small blocks ask for again
+            return self._last[1]
         fields = sorted(self.schema.get_field_index(name) for name in columns)
         with guarded(self.path), pa.memory_map(self.path) as mapped:
             reader = pa.ipc.open_file(mapped, options=pa.ipc.IpcReadOptions(included_fields=fields))
-            return pa.Table.from_batches([reader.get_batch(number)]).select(columns)
+            table = pa.Table.from_batches([reader.get_batch(number)]).select(columns)
+        self._last = (number, *columns), table
+        return table
 
     @classmethod
     def of(cls, tables: Iterable[pa.Table], source: str, n_rows: int = 0) -> ArrowFile:

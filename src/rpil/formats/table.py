@@ -56,7 +56,8 @@ def kind_of_type(kind: pa.DataType) -> Kind:
         return "text"
     if pa.types.is_temporal(kind):
         return "time"
-    return "list" if _is_list(kind) and _is_numeric(kind.value_type) else "nested"
+    is_list = pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind)
+    return "list" if is_list and _is_numeric(kind.value_type) else "nested"
 
 
 _COUNTED_ROWS = 30
@@ -135,7 +136,10 @@ def flattened(table: pa.Table, lists: Mapping[str, Sequence[str]], wanted: Seque
         if column.null_count or (values := column.flatten()).null_count or not _is_numeric(values.type):
             columns |= {part: pc.list_element(column, k) for k, part in enumerate(parts) if part in chosen}
             continue
-        matrix = np.ascontiguousarray(values.to_numpy(zero_copy_only=False).reshape(-1, len(parts)).T)
+        rows = values.to_numpy(zero_copy_only=False).reshape(-1, len(parts))
+        matrix, n = np.empty(rows.shape[::-1], rows.dtype), 4 * HEAD_ROWS
+        for k in range(0, len(rows), n):  # in blocks that stay in the cache
+            matrix[:, k : k + n] = rows[k : k + n].T
         columns |= {part: pa.array(own) for part, own in zip(parts, matrix, strict=True) if part in chosen}
     return pa.table(columns).select(wanted)
 
@@ -241,16 +245,6 @@ def order_values(column: pa.ChunkedArray) -> Array | None:
     if values.dtype.kind in "mM":
         values = values.astype(np.int64)
     return values if values.dtype.kind in "iu" or (values.dtype.kind == "f" and np.isfinite(values).all()) else None
-
-
-def numbers_or_nothing(column: pa.ChunkedArray) -> Array:
-    """A column as (N,) numbers, with NaN where one is missing; texts are 0 or NaN."""
-    values = numbers_or_missing(column)
-    return np.where(column.is_null().to_numpy(), np.nan, 0.0) if values is None else values[:, 0]
-
-
-def _is_list(kind: pa.DataType) -> bool:
-    return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
 
 
 def _is_numeric(kind: pa.DataType) -> bool:

@@ -9,8 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, check_exists
-from rpil.data.folders import check_folder, is_hidden
+from rpil.data.files import StrPath, check_exists, check_folder, is_hidden
 from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_METADATA
 from rpil.data.names import OWN_TABLES
@@ -18,7 +17,7 @@ from rpil.formats import csv, parquet
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import TEXT_SUFFIXES
 from rpil.formats.format import Format, StepTables
-from rpil.formats.meta_folder import MetaFolder
+from rpil.formats.metadata import MetaFolder
 
 _MAY_BE_DATA = (".npz", ".npy", ".hdf5", ".h5", ".jsonl", ".ndjson", ".mat")
 
@@ -91,17 +90,11 @@ def find_files(path: StrPath) -> tuple[list[Path], list[Path]]:
         place = data if os.path.isdir(data) else place
         meta = os.path.join(place, "meta")  # of LeRobot, with tables of other things
         walk = ((folder, files) for folder, _, files in os.walk(place, followlinks=True) if not folder.startswith(meta))
-        return _tables([os.path.join(folder, name) for folder, files in walk for name in files], place)
-
-
-def _tables(paths: Iterable[str], top: str) -> tuple[list[Path], list[Path]]:
-    """The Parquet files and the text tables among files, but for those in hidden folders of `top`."""
-    shown = [Path(p) for p in sorted(paths) if not is_hidden(p.removeprefix(top).lstrip("/"))]
-    shown = [one for one in shown if not one.name.startswith((".", "_"))]
-    names = {one: one.name.lower() for one in shown}
-    return [one for one in shown if names[one].endswith(".parquet")], [
-        one for one in shown if names[one].endswith((*TEXT_SUFFIXES, *_PACKED))
-    ]
+        paths = sorted(os.path.join(folder, name) for folder, files in walk for name in files)
+    shown = [Path(one) for one in paths if not is_hidden(one.removeprefix(place).lstrip("/"))]
+    names = {one: one.name.lower() for one in shown if not one.name.startswith((".", "_"))}
+    texts = (*TEXT_SUFFIXES, *_PACKED)
+    return [m for m in names if names[m].endswith(".parquet")], [m for m in names if names[m].endswith(texts)]
 
 
 def refuse_others(path: StrPath, names: Iterable[str]) -> None:

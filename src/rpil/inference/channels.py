@@ -119,9 +119,8 @@ def components(summaries: Float[Array, "M S"], settings: ChannelSettings) -> Flo
 def summaries(data: FitData, actions: Float[Array, "N A"]) -> Float[Array, "M S"]:
     """Mean, deviation, first, last and mean change of every column of states and actions within each demonstration."""
     columns, begins, ends, lengths = list[Array](), data.offsets[:-1], data.offsets[1:] - 1, data.lengths
-    for values, begin in (
-        (each, n) for each in (data.features, actions) for n in range(0, each.shape[1], BLOCK_COLUMNS)
-    ):
+    places = [(each, n) for each in (data.features, actions) for n in range(0, each.shape[1], BLOCK_COLUMNS)]
+    for values, begin in places:
         block = np.array(values[:, begin : begin + BLOCK_COLUMNS].T, dtype=float, order="C")  # columns are summed fast
         mean = np.add.reduceat(block, begins, axis=1) / lengths
         changes = np.zeros_like(block)

@@ -21,13 +21,7 @@ from rpil.data.spaces import Discrete
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
 from rpil.numerics.blocks import at_actions, log_softmax, one_hot
-from rpil.numerics.regression import (
-    MIN_WEIGHT,
-    error_scale,
-    normal_equations,
-    solve_ridge,
-    student_log_densities,
-)
+from rpil.numerics.regression import MIN_WEIGHT, error_scale, normal_equations, solve_ridge, student_log_densities
 from rpil.numerics.types import Array, Float, Int
 from rpil.policies.folds import deal, out_of_fold
 
@@ -147,18 +141,31 @@ class HeldOutRidge(_Linear):
         self.actions, fold = ActionScale.of(self.data)(self.data.actions), self.data.per_step(self.fold)
         rows = (np.flatnonzero(fold == k) for k in range(int(fold.max()) + 1))
         self._folds = [(each, self.data.features[each], self.actions[each]) for each in rows]
+        self._whole: dict[int, tuple[Array, Array, float]] = {}  # sums of folds all of whose steps have the weight 1
 
     def _evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
         return np.asarray(log_densities(self.errors(weight, ridge), weight, self.settings).sum(axis=1))
 
     def errors(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, "N A"]:
         """Held-out errors of the actions, scaled."""
-        sums = [normal_equations(features, actions, weight[rows]) for rows, features, actions in self._folds]
+        sums = [self._sums(k, weight[rows]) for k, (rows, _, _) in enumerate(self._folds)]
         of_all, out = [sum(terms) for terms in zip(*sums, strict=True)], np.empty(self.actions.shape)
-        for (rows, features, actions), own in zip(self._folds, sums, strict=True):
+        fits: dict[int, Array] = {}
+        for k, ((rows, features, actions), own) in enumerate(zip(self._folds, sums, strict=True)):
             gram, product, total = (every - part for every, part in zip(of_all, own, strict=True))
-            out[rows] = actions - features @ solve_ridge(gram, product, total, ridge)
+            at = k if own[2] > 0.0 else -1  # without folds of no weight, all fits are alike
+            if at not in fits:
+                fits[at] = solve_ridge(gram, product, total, ridge)
+            out[rows] = actions - features @ fits[at]
         return out
+
+    def _sums(self, k: int, weight: Float[Array, " n"]) -> tuple[Array, Array, float]:
+        """The normal equations of a fold, computed once for the weight 1, which every choice begins with."""
+        if not (weight == 1.0).all():
+            return normal_equations(*self._folds[k][1:], weight)
+        if k not in self._whole:
+            self._whole[k] = normal_equations(*self._folds[k][1:], weight)
+        return self._whole[k]
 
 
 @dataclass(eq=False)

@@ -67,7 +67,8 @@ class ActionScale:
 
     def __call__(self, actions: Num[Array, "N A"]) -> Float[Array, "N A"]:
         """Actions less their location, in spreads: 0 where a part is not judged."""
-        return np.asarray(np.clip(actions - self.location, -self.reach, self.reach) / self.spread)
+        scaled = np.clip(actions - self.location, -self.reach, self.reach)
+        return np.asarray(np.divide(scaled, self.spread, out=scaled))
 
     def back(self, scaled: Float[Array, "N A"]) -> Float[Array, "N A"]:
         """Actions in the units of the data; the location where a part is not judged."""

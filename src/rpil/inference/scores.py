@@ -102,10 +102,7 @@ class Scoring:
 
 
 def mean_variance(
-    squares: Float[Array, " M"],
-    lengths: Int[Array, " M"],
-    step_variance: float,
-    variance_steps: float,
+    squares: Float[Array, " M"], lengths: Int[Array, " M"], step_variance: float, variance_steps: float
 ) -> Float[Array, " M"]:
     """Variance v_m of the mean over the steps of each demonstration,
 

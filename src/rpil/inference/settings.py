@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from dataclasses import field
 
-from rpil.data.archive import NOT_STORED
-from rpil.data.settings_record import check_settings, settings_record
+from rpil.data.archive import NOT_STORED, check_settings, settings_record
 from rpil.mixture.settings import DemonstratorSettings
 from rpil.numerics.regression import ErrorSettings
 
@@ -178,11 +177,7 @@ class AnswerSettings:
     """Places in the ranking, from the lowest, at which labels are asked for, one after the other."""
 
 
-@settings_record(
-    variance_steps="[0, inf)",
-    min_gain="[0, inf)",
-    monotony="[0, inf)",
-)
+@settings_record(variance_steps="[0, inf)", min_gain="[0, inf)", monotony="[0, inf)")
 class JudgeSettings:
     """Everything that the judge (`rpil.inference.trust`) assumes: the settings of its stages, and its own."""
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import log_expit, logsumexp
 
-from rpil.data.demonstrator_groups import Demonstrators
+from rpil.data.fit_data import Demonstrators
 from rpil.mixture.settings import DemonstratorSettings
 from rpil.numerics.types import Array, Float, Int
 

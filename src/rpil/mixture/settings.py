@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Literal, get_args
 
+from rpil.data.archive import settings_record
 from rpil.data.errors import DataError
-from rpil.data.settings_record import settings_record
 
 MStep = Literal["joint", "expert_only"]
 """Terms of the policy's M-step: the expert's and the adversary's, or the expert's alone as in the paper's code."""

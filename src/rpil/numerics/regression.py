@@ -31,8 +31,7 @@ class ErrorSettings:
 
 def column_scales(actions: Num[Array, "N A"]) -> Float[Array, " A"]:
     """Standard deviation of each part of the actions, 1 where it never changes."""
-    spread = actions.std(axis=0)
-    return np.where(spread > 0, spread, 1.0)
+    return np.where((spread := actions.std(axis=0)) > 0, spread, 1.0)
 
 
 def medians(values: Num[Array, "*batch N"]) -> Float[Array, "*batch"]:
@@ -65,8 +64,7 @@ def robust_scale(
 def spread_within(values: Num[Array, "N A"], offsets: Int[Array, " M1"]) -> Float[Array, " A"]:
     """Spread (A,): the standard deviation within the median demonstration, wherever each of them is; that of
     `robust_scale` where most demonstrations do not move."""
-    location, spread = robust_scale(values, offsets)
-    lengths = np.diff(offsets)
+    (location, spread), lengths = robust_scale(values, offsets), np.diff(offsets)
     distance = np.asarray(values, dtype=float) - location
     means = np.add.reduceat(distance, offsets[:-1], axis=0) / lengths[:, None]
     within = np.sqrt(np.median(_mean_square(distance - np.repeat(means, lengths, axis=0), offsets), axis=0))
@@ -125,6 +123,8 @@ def student_log_densities(
     errors: Float[Array, "*shape"], scale: Float[Array, "*of_each"], settings: ErrorSettings
 ) -> Float[Array, "*shape"]:
     """Log-densities of Student errors of any shape, each with its `scale`, in nats."""
-    nu = settings.degrees_of_freedom
+    nu, found = settings.degrees_of_freedom, np.asarray(errors / scale)  # in whose place all is computed: it is large
     constant = lgamma((nu + 1) / 2) - lgamma(nu / 2) - 0.5 * np.log(nu * np.pi)
-    return np.asarray(constant - np.log(scale) - (nu + 1) / 2 * np.log1p((errors / scale) ** 2 / nu))
+    np.log1p(np.divide(np.square(found, out=found), nu, out=found), out=found)
+    found *= (nu + 1) / 2
+    return np.asarray(np.subtract(constant - np.log(scale), found, out=found))

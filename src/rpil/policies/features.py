@@ -11,10 +11,9 @@ from typing import Literal
 
 import numpy as np
 
-from rpil.data.archive import stored
+from rpil.data.archive import settings_record, stored
 from rpil.data.arrays import check_squares
 from rpil.data.errors import DataError
-from rpil.data.settings_record import settings_record
 from rpil.data.spaces import Discrete, Space
 from rpil.numerics.regression import robust_scale
 from rpil.numerics.types import Array, Float, Int, Num

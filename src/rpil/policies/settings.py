@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rpil.data.settings_record import check_settings, settings_record
+from rpil.data.archive import check_settings, settings_record
 from rpil.numerics.regression import ErrorSettings
 from rpil.policies.features import FeatureSettings
 

@@ -10,13 +10,13 @@ from typing import TypeVar
 import numpy as np
 from scipy.special import expit
 
-from rpil.data.demonstrator_groups import Demonstrators
 from rpil.data.errors import DataError
+from rpil.data.fit_data import Demonstrators
 from rpil.data.id_values import Relation, check_ids, label_codes, label_rows, match_pairs, parse_answers, parse_marks
 from rpil.data.text import printable
 from rpil.inference.answered import Answered, answer, places_to_ask
 from rpil.inference.answers import Answers, check_copied_labels
-from rpil.inference.findings import DECIDED, FINDINGS
+from rpil.inference.findings import DECIDED
 from rpil.inference.groups import expert_share_interval
 from rpil.inference.witnesses import Witnesses
 from rpil.numerics.types import Array, Float, Int
@@ -26,9 +26,6 @@ from rpil.results.step_weights import weights_of
 from rpil.results.vocabulary import SIDES, VOCABULARIES, Verdict
 
 Id = TypeVar("Id", bound=Hashable)
-
-NOT_USED = "Lengths and rewards were not used."
-"""The assumption without answers."""
 
 MIN_FIRST = 5
 """Demonstrations to look at first, at least."""
@@ -86,7 +83,6 @@ def with_answers(audit: A, known: Answers) -> A:
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=doubts_of_answers(found, known, is_decided),
         notes=tuple(note for note in audit.notes if not (is_decided and is_over(note))),
-        assumptions=_assumptions(audit, known, is_decided),
     )
     return replace(answered, step_weight=weights_of(answered), rejected_by=rejecting_rules(answered))
 
@@ -103,14 +99,6 @@ def rejecting_rules(audit: Judged) -> tuple[str, ...]:
     rules = {"": known.labels > 0, "outcome": known.failed, "labels": known.labels < 0}
     rules |= {"adversary": verdicts == "adversary", "answers": is_bad}
     return tuple(np.select([*rules.values()], [*rules], "").tolist())
-
-
-def _assumptions(audit: Judged, known: Answers, is_decided: bool) -> tuple[str, ...]:
-    """The sentences of an audit, without those that answers replace."""
-    said = sentence_of(audit, audit.answers)
-    old = {*FINDINGS.values(), audit.vocabulary.explanation, *audit.doubts, said, NOT_USED}
-    kept = (one for one in audit.assumptions if one not in old and not (is_decided and is_over(one)))
-    return (FINDINGS["answered"], VOCABULARIES["answers"].explanation, *kept, sentence_of(audit, known))
 
 
 def is_over(sentence: str) -> bool:
@@ -176,14 +164,14 @@ def doubts_of_witnesses(found: Witnesses, known: Answers) -> Iterator[str]:
     for name, confirmed, sign in zip(known.names, found.confirmed, found.sign, strict=False):
         outcome = "outcome" + f" {printable(name)}" * (name != "outcome")
         if confirmed < 0.5:
-            yield f"Nothing else that is known confirms the {outcome}, so that it counts for little."
+            yield f"No answer and no other outcome confirms the {outcome}, so it counts for little."
         elif sign < 0:
             yield f"The {outcome} contradicts the other answers: less of it counts as better."
 
 
-def sentence_of(audit: Judged, known: Answers) -> str:
+def sentence_of(audit: Judged) -> str:
     """How many answers there are, about different demonstrations."""
-    known = known.once(audit.copy_of)
+    known = audit.answers.once(audit.copy_of)
     counts = {
         "labels": int(np.count_nonzero(known.labels)),
         "pairs": len(known.compared),
@@ -204,16 +192,10 @@ def question(audit: Judged) -> str | None:
 def where_to_look(audit: Judged, name: Hashable) -> str:
     """The demonstration, with its worst stretch unless that is nearly all of it."""
     m = audit.index(name)
-    stretch = stretch_of(audit, m)
+    stretch = worst_stretch(audit.log_ratio(m))
     if stretch is None or stretch[1] + 1 - stretch[0] >= NEARLY_ALL * audit.lengths[m]:
         return printable(name)
     return f"{printable(name)} (look {span(stretch[0], stretch[1], audit.fps)})"
-
-
-def stretch_of(audit: Judged, m: int) -> list[int] | None:
-    """The first and the last step to look at in demonstration `m`; None where no step stands out."""
-    stretch = worst_stretch(audit.log_ratio(m))
-    return None if stretch is None else [stretch.first, stretch.last]
 
 
 def looking_order(audit: Judged) -> tuple[list[int], int]:

@@ -18,14 +18,13 @@ from typing import Any, cast
 import numpy as np
 
 from rpil.data.arrays import Id
-from rpil.data.cells import from_cell
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
 from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids, read_labels
 from rpil.data.json_files import LARGEST_TABLE, parse, read_text
 from rpil.data.run import RUN_KEY
-from rpil.data.text import MAX_IDS, MAX_LISTED_NAMES, listed, printable
+from rpil.data.text import MAX_IDS, MAX_LISTED_NAMES, from_cell, listed, printable
 from rpil.formats import write_columns
 from rpil.formats.parquet_file import read_table
 from rpil.numerics.types import Array, Float
@@ -63,11 +62,6 @@ class Asked:
     """Ids, as text, of the demonstrations with a fault that was named."""
     spared: Set[str] = frozenset()
     """Ids, as text, of those that are kept whatever speaks against them."""
-
-    @property
-    def by_number(self) -> bool:
-        """Whether a share or a least probability chooses, and not what is inferred."""
-        return self.share is not None or self.at_least is not None
 
 
 @dataclass(frozen=True)
@@ -124,23 +118,23 @@ def choose(table: Table, asked: Asked = Asked()) -> Choice:
         (rejected[rule] if rule else kept).append(name)
         if rule == "outcome":
             failure = how or failure
-        elif how.startswith(WORSE) and not (rule or label or asked.by_number or str(name) in asked.spared):
+        elif how.startswith(WORSE) and not (rule or label or str(name) in asked.spared) and below is None:
             notes.append(f"{printable(name)} is kept though you called it {printable(how)}: one answer more decides.")
     by_outcomes = "label" in table and not any(labels) and not any(str(how).startswith(WORSE) for how in said)
     of_rule = {rule: tuple(own) for rule, own in rejected.items() if own}
     return Choice(tuple(kept), of_rule, asked, failure, tuple(notes), "the outcomes" if by_outcomes else Choice.told)
 
 
-def _rule_of(name: str, label: object, rule: str, below: bool, asked: Asked) -> str:
+def _rule_of(name: str, label: object, rule: str, below: bool | None, asked: Asked) -> str:
     """The rule that rejects the demonstration `name`, or nothing, by its label, the `rule` of its audit, and whether it
-    is `below` what is asked for."""
+    is `below` the share or the probability that is asked for, if one is."""
     if label == "bad":
         return "labels"
     if rule == "outcome" and label != "good":
         return rule
     if name in asked.faulty:
         return "faults"
-    if asked.by_number:
+    if below is not None:
         return "threshold" * below
     return "" if label else rule
 
@@ -194,12 +188,12 @@ def _table_of_kept(kept: Mapping[str, Any]) -> Table:
     return {"id": [*rules], "verdict": ["open"] * len(rules), "rejected_by": [*rules.values()]}
 
 
-def _below(table: Table, asked: Asked) -> list[bool]:
-    """Whether each demonstration is below the least probability or the share that is asked for, if any is."""
+def _below(table: Table, asked: Asked) -> Sequence[bool | None]:
+    """Whether each demonstration is below the least probability or the share that is asked for; None where none is."""
     if asked.at_least is not None:
         return [*map(bool, _numbers(table, "expert_proba") < asked.at_least)]
     if asked.share is None:
-        return [False] * len(table["id"])
+        return [None] * len(table["id"])
     ranks = np.argsort(np.argsort(-_numbers(table, "log_odds"), kind="stable"))
     return [*map(bool, ranks >= max(round(asked.share * len(ranks)), 1))]
 

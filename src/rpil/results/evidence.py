@@ -20,7 +20,6 @@ from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.data.text import printable
-from rpil.faults.measured_columns import never_moves
 from rpil.inference.findings import DECIDED
 from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax
 from rpil.inference.parts import ActionScale
@@ -92,58 +91,43 @@ class StepEvidence:
 
 
 def by_held_out_policies(
-    judgement: Judgement, model: HeldOutSoftmax | HeldOutRidge, copies: Copies | None, settings: HeldOutSettings
+    judgement: Judgement, model: HeldOutSoftmax | HeldOutRidge, copies: Copies, settings: HeldOutSettings
 ) -> StepEvidence:
     """By held-out policies of a linear `model` where actions are continuous, without `copies` of others."""
     fit, data, group = judgement.scores.fit, model.data, judgement.training_group
-    members = np.arange(data.n_demonstrations) if copies is None else copies.judged
     if data.space.kind == "discrete":
         expected = fit.log_prob
     else:
         assert isinstance(model, HeldOutRidge)
         ridge = fit.ridge or choose_ridge(data, model, group)  # the user's policy has none
         expected = ActionScale.of(data).back(model.actions - model.errors(data.per_step(group.astype(float)), ridge))
-    return StepEvidence.of(data, members, expected, ~judgement.claims.lower[members], settings)
-
-
-def part_name(data: FitData, j: int) -> str:
-    """The name of a part of the action; discrete actions are one."""
-    if data.space.n_parts == 1 and (data.space.kind == "discrete" or not data.action_names):
-        return "action"
-    return printable(data.action_name(j)) if data.action_names else f"action part {j}"
+    return StepEvidence.of(data, copies.judged, expected, ~judgement.claims.lower[copies.judged], settings)
 
 
 def deviations(audit: Audit, evidence: StepEvidence, classes: Array) -> tuple[str, ...]:
     """A phrase for each demonstration with a stretch of bad steps, and "" for all others, (M,).
 
     Of discrete actions, codes of `classes`, it is the most frequent one of those that others mostly do not take there.
-    Of continuous actions it is a part that moves in most others alone, or that with most of the evidence. It takes
-    a group to compare with.
+    Of continuous actions it is the part with most of the evidence. It takes a group to compare with.
     """
     has_rest = audit.anchor == "none" or "upper" in map(SIDES.get, audit.verdicts)
     if audit.finding not in COMPARED or not has_rest:
         return ()
-    phrases, data, never = [], evidence.data, never_moves(evidence.data.actions, evidence.data.offsets)
+    phrases, data = [], evidence.data
     for m, place in enumerate(np.searchsorted(evidence.members, audit.copy_of).tolist()):
-        steps = _worst_steps(audit, m)
-        rows = data.offsets[place] + steps
-        if not len(steps):
+        log_ratio = audit.log_ratio(m)
+        stretch = worst_stretch(log_ratio)
+        if stretch is None:
             phrases.append("")
-        elif data.space.kind != "discrete":
-            phrases.append(_far_part(evidence, rows, steps, never[place]))
+            continue
+        own = np.arange(stretch[0], stretch[1] + 1)
+        steps = own[np.argsort(log_ratio[own], kind="stable")[:MAX_STEPS]]  # the worst ones
+        rows = data.offsets[place] + steps
+        if data.space.kind != "discrete":
+            phrases.append(_far_part(evidence, rows, steps))
         else:
             phrases.append(_other_action(classes[data.actions[rows]], evidence.value[rows, 0]))
     return tuple(phrases)
-
-
-def _worst_steps(audit: Audit, index: int) -> Int[Array, " R"]:
-    """The worst steps in the worst stretch of a demonstration."""
-    log_ratio = audit.log_ratio(index)
-    stretch = worst_stretch(log_ratio)
-    if stretch is None:
-        return np.empty(0, dtype=np.int64)
-    own = np.arange(stretch.first, stretch.last + 1)
-    return np.asarray(own[np.argsort(log_ratio[own], kind="stable")[:MAX_STEPS]])
 
 
 def _other_action(taken: Array, proba: Float[Array, " R"]) -> str:
@@ -156,13 +140,10 @@ def _other_action(taken: Array, proba: Float[Array, " R"]) -> str:
     return f"it takes action {printable(own)} where others mostly take another ({share})"
 
 
-def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, " R"], never: Bool[Array, " J"]) -> str:
-    """The part of the action with most of the evidence in these steps, of those that `never` move if there are any, in
-    that step of them in which it leaves the band of the rest by the median distance; "" where it does not."""
+def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, " R"]) -> str:
+    """The part of the action with most of the evidence in these steps, in that step of them in which it leaves the band
+    of the rest by the median distance; "" where it does not."""
     nats = evidence.nats[rows].sum(axis=0)
-    if never.any():
-        j = int(np.argmin(np.where(never, nats, np.inf)))
-        return f"{part_name(evidence.data, j)} stays at {evidence.value[rows[0], j]:.4g}, and moves in the others"
     toward = np.maximum(nats if nats.sum() > 0 else -nats, 0.0)
     if toward.sum() <= MIN_NATS:
         return ""
@@ -172,7 +153,9 @@ def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, 
     own = int(np.argsort(away, kind="stable")[len(away) // 2])
     if away[own] <= 0:
         return ""
-    its = f"at step {steps[own]}: {part_name(evidence.data, j)} is"
+    data = evidence.data
+    name = data.action_name(j) if data.action_names else f"action part {j}" if data.space.n_parts > 1 else "action"
+    its = f"at step {steps[own]}: {printable(name)} is"
     is_at, first, last = _digits(value[own], low[own], high[own])
     band = first if first == last else f"{first} to {last}"
     return f"{its} {is_at}; others there have {band}"

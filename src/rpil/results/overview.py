@@ -68,9 +68,3 @@ def verdict_sentence(audit: AuditResult) -> str:
     """How many demonstrations have which verdict."""
     size = f"{counted(len(audit.ids), 'demonstration')} ({audit.offsets[-1]:,} steps)"
     return f"{size}: {in_numbers(audit.verdict_counts())}."
-
-
-def overview_text(audit: AuditResult) -> str:
-    """Text of ``repr`` of an audit."""
-    lines = [first_sentence(audit), headline(audit), *(f"Doubt: {doubt}" for doubt in audit.doubts)]
-    return "\n".join([*lines, verdict_sentence(audit), *filter(None, [audit.question])])

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.special import logit, ndtr
@@ -40,27 +39,17 @@ AT_STEP = re.compile(r"at step (\d+): ")
 NOBODY = "no outliers"
 FIFTHS = "Lowest fifth", "Below the middle", "In the middle", "Above the middle", "Highest fifth"
 
-GivenLabel = Literal["good", "bad", ""]
-"""The label of a demonstration, or nothing."""
 
-
-class Stretch(NamedTuple):
-    """Consecutive steps of a demonstration, counted from its first step, and the sum of their log-ratios in nats."""
-
-    first: int
-    last: int
-    nats: float
-
-
-def worst_stretch(log_ratio: Float[Array, " n"]) -> Stretch | None:
-    """The stretch with the lowest sum of log-ratios; None where that is above -`MIN_STRETCH`."""
+def worst_stretch(log_ratio: Float[Array, " n"]) -> tuple[int, int] | None:
+    """The first and the last of the consecutive steps with the lowest sum of log-ratios; None where that is above
+    -`MIN_STRETCH`."""
     # Of all pairs of sums of the first steps, the one that falls most (Kadane's algorithm).
     total = np.concatenate([[0.0], np.cumsum(log_ratio)])
     fall = total - np.maximum.accumulate(total)
     stop = int(np.argmin(fall))
     if fall[stop] > -MIN_STRETCH:
         return None
-    return Stretch(int(np.argmax(total[: stop + 1])), stop - 1, float(fall[stop]))
+    return int(np.argmax(total[: stop + 1])), stop - 1
 
 
 def reasons_of(audit: Judged, answers: Answers, said: Sequence[str]) -> Iterator[str]:
@@ -97,8 +86,8 @@ def _worst_of(audit: Judged, m: int) -> tuple[str, str, str]:
     stretch, does = worst_stretch(audit.log_ratio(m)), audit.deviations[m] if audit.deviations else ""
     if stretch is None or audit.finding == "nothing could be learned":
         return "", "", ""
-    is_long = stretch.last + 1 - stretch.first >= NEARLY_ALL * audit.lengths[m]
-    place = THROUGHOUT if is_long else span(stretch.first, stretch.last, audit.fps)
+    first, last = stretch
+    place = THROUGHOUT if last + 1 - first >= NEARLY_ALL * audit.lengths[m] else span(first, last, audit.fps)
     if (seen := AT_STEP.match(does)) is None:
         return place, "", does
     at = span(int(seen[1]), int(seen[1]), audit.fps)
@@ -163,11 +152,6 @@ for where it is low and high."""
 MIN_STYLE = 0.15
 """Distance of a median rank from the middle, 1/2, from which it is part of a style. Chosen by hand, not tuned."""
 
-MIN_AT_LIMIT = 3
-"""Demonstrations, at least, that share the largest length where there is a time limit: two may by chance."""
-
-TIME_LIMIT = "time limit"
-
 TWO_GROUPS = "The two groups: "
 """How the sentences begin."""
 
@@ -179,23 +163,17 @@ MIN_SEPARATION = 0.8
 Fact = float | int | str
 
 
-def known_facts(
-    columns: Float[Array, "M D"], lengths: Int[Array, " M"], order: Float[Array, " M"] | None
-) -> dict[str, tuple[Fact, ...]]:
+def known_facts(columns: Float[Array, "M D"], order: Float[Array, " M"] | None) -> dict[str, tuple[Fact, ...]]:
     """The facts about M demonstrations by name; those that are not known are left out.
 
-    The names are those of `RANKS`; "time limit", 1 where the demonstration has the largest length, as several others
-    do, else 0; and "order", the place among the demonstrations, from 1 on. `columns` are those of an audit, which begin
-    with the normal scores of the channels.
+    The names are those of `RANKS`, and "order", the place among the demonstrations, from 1 on. `columns` are those of
+    an audit, which begin with the normal scores of the channels.
     """
     found: dict[str, tuple[Fact, ...]] = {}
     if columns.shape[1] >= len(CHANNELS):
         for name, (channel, sign, *_) in RANKS.items():
             ranks = ndtr(sign * columns[:, CHANNELS.index(channel)])
             found[name] = tuple(np.round(ranks, 6).tolist())
-    is_longest = lengths == lengths.max()
-    if MIN_AT_LIMIT <= is_longest.sum() < len(is_longest):  # probably cut off
-        found[TIME_LIMIT] = tuple(is_longest.astype(int).tolist())
     if order is not None:
         found["order"] = tuple((np.searchsorted(np.sort(order), order) + 1).tolist())
     return found

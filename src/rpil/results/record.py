@@ -16,7 +16,7 @@ from rpil.data.files import StrPath
 from rpil.data.frames import Backend, DataFrame, data_frame
 from rpil.results.answering import looking_order
 from rpil.results.judged import Demonstrator, Interval
-from rpil.results.overview import overview_text
+from rpil.results.overview import first_sentence, headline, verdict_sentence
 from rpil.results.result import AuditResult
 
 if TYPE_CHECKING:
@@ -72,8 +72,8 @@ class Audit(AuditResult):
         Two demonstrations of which the answer to "which is better?" would say most; empty where there are none.
     adversary : str
         Name of the adversary of the mixture, or of the reference of the judge.
-    assumptions, notes, doubts : tuple of str
-        What the audit assumed, what else a user should know, and what speaks against verdicts by the answers; one
+    method, notes, doubts : tuple of str
+        How the audit judged, what else a user should know, and what speaks against verdicts by the answers; one
         sentence each.
     demonstrators : tuple of Demonstrator
         With answers the most trusted first, and without answers no trust; empty where demonstrators were not given.
@@ -195,4 +195,6 @@ class Audit(AuditResult):
         write_page(path, self, About(title, IN_MEMORY))
 
     def __repr__(self) -> str:
-        return overview_text(self)
+        doubts = [f"Doubt: {doubt}" for doubt in self.doubts]
+        lines = first_sentence(self), headline(self), *doubts, verdict_sentence(self), self.question
+        return "\n".join(filter(None, lines))

@@ -17,15 +17,19 @@ from scipy.special import expit
 
 from rpil.data.errors import DataError
 from rpil.data.run import run_id
+from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id
 from rpil.results.judged import Demonstrator, Judged
-from rpil.results.reasons import Fact, GivenLabel, known_facts, reasons_of, style_in_words
+from rpil.results.reasons import Fact, known_facts, reasons_of, style_in_words, worst_stretch
 from rpil.results.vocabulary import SIDES, WORSE
 
 if TYPE_CHECKING:
     from rpil.faults.rule import Fault
+
+WHOLE = "A demonstration is good or bad as a whole, and a label is certain."
+"""The assumption of the paper's mixture."""
 
 NEAR = 9
 """Steps around a step, and this itself, by which the page draws whether it is like those of the trusted."""
@@ -46,9 +50,9 @@ class AuditResult(Judged):
         return self.own_reasons or tuple(reasons_of(self, self.answers.shared(self.copy_of), self.said))
 
     @property
-    def labels(self) -> tuple[GivenLabel, ...]:
+    def labels(self) -> tuple[str, ...]:
         """The label of each demonstration, which is that of its copies too."""
-        texts: dict[int, GivenLabel] = {1: "good", 0: "", -1: "bad"}
+        texts = {1: "good", 0: "", -1: "bad"}
         return tuple(texts[label] for label in self.answers.shared(self.copy_of).labels.tolist())
 
     @property
@@ -86,12 +90,6 @@ class AuditResult(Judged):
         """The place of each demonstration in the ranking, from 1, the most trusted, on."""
         return np.argsort(self.ranking()) + 1
 
-    def has_proba(self, index: int) -> bool:
-        """Whether `expert_proba` of a demonstration may be shown: it has a verdict, or an adversary was named. Else its
-        place in the ranking is."""
-        verdict, named = self.verdicts[index], (self.vocabulary.upper, self.vocabulary.lower)
-        return self.anchor == "named adversary" or (verdict in named and verdict != "open")
-
     def style(self, who: Demonstrator) -> str:
         """The style of a demonstrator in words."""
         return style_in_words(self.facts, self.lengths, [self.index(name) for name in who.demonstrations])
@@ -102,7 +100,7 @@ class AuditResult(Judged):
         fields that are shown."""
         shown = {one.metadata["shown"]: getattr(self, one.name) for one in fields(self) if one.metadata.get("shown")}
         columns = {name: tuple(np.asarray(column).tolist()) for name, column in shown.items() if len(column)}
-        return known_facts(self.columns, self.lengths, self.order) | columns
+        return known_facts(self.columns, self.order) | columns
 
     question = property(answering.question)
     suggest_labels = answering.suggest_labels
@@ -136,6 +134,18 @@ class AuditResult(Judged):
                 "No answer would be left; take the audit before answered(), or call rpil.audit without any."
             )
         return answering.with_answers(self, known)
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """How it was judged, the finding, the meaning of the probability, and what it is learned from."""
+        by_answers = self.anchor == "answers"
+        return (
+            *self.method,
+            FINDINGS[self.finding],
+            self.vocabulary.explanation,
+            answering.sentence_of(self) if by_answers else "Lengths and rewards were not used.",
+            *[WHOLE] * (self.anchor == "named adversary"),
+        )
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
         """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""
@@ -195,7 +205,7 @@ class AuditResult(Judged):
         nested = ("from_", "fact_", "demonstrator", "task", "faults", "run")  # or not known to an audit
         columns, asked = {name: own for name, own in self.table().items() if not name.startswith(nested)}, None
         if self.question:
-            look_at = [answering.stretch_of(self, self.index(name)) for name in self.pair]
+            look_at = [worst_stretch(self.log_ratio(self.index(name))) for name in self.pair]
             asked = {"pair": list(self.pair), "look_at": look_at, "text": self.question}
         return {
             "n_demonstrations": len(self.ids),

@@ -1,4 +1,4 @@
-"""The audit that a user reads, from a judgement or from EM with a named adversary, and what it assumed."""
+"""The audit that a user reads, from a judgement or from EM with a named adversary."""
 
 from __future__ import annotations
 
@@ -13,24 +13,20 @@ from scipy.special import expit
 from rpil.data.fit_data import FitData
 from rpil.data.text import listed, printable
 from rpil.inference.answers import Answers
-from rpil.inference.findings import FINDINGS
 from rpil.inference.groups import expert_share_interval
 from rpil.inference.outliers import Claims
 from rpil.inference.trust import Judgement
 from rpil.numerics.types import Array, Float
 from rpil.results.answering import (
-    NOT_USED,
     rank_demonstrators,
     rejecting_rules,
-    sentence_of,
     shown_proba,
     verdicts_of,
     with_answers,
 )
-from rpil.results.judged import Interval
+from rpil.results.judged import AuditSettings, Interval
 from rpil.results.reasons import groups_differ
 from rpil.results.record import Audit
-from rpil.results.settings import AuditSettings
 from rpil.results.step_weights import weights_of
 
 if TYPE_CHECKING:
@@ -38,10 +34,6 @@ if TYPE_CHECKING:
 
 MAX_LOG_ODDS = 1e9
 """Nats. Infinite log-odds become this: of steps that an adversary can never take."""
-
-IN_SAMPLE_POLICY = (
-    "The policy was scored on the steps that it was trained on; this assumes that it cannot memorise actions."
-)
 
 
 def audit_from_judgement(
@@ -100,7 +92,7 @@ def whom_it_trusts(audit: Audit) -> str:
     n, sizes = len(audit.ids), np.sort([(audit.part > 0).sum(), (audit.part < 0).sum()])
     if (np.abs(audit.part) < 1).all():
         return f"Two parts, {sizes[1]:,} and {sizes[0]:,}, act differently; without two labels all are trusted."
-    return f"The policy trusts {(audit.part > 0).sum():,} of {n:,} that agree; two labels turn it."
+    return f"The policy trusts {(audit.part > 0).sum():,} of {n:,} that agree; two labels can change this."
 
 
 def parts_not_judged(data: FitData) -> tuple[str, ...]:
@@ -151,33 +143,3 @@ def audit_from_mixture(
         settings=settings,
     )
     return replace(audit, rejected_by=rejecting_rules(audit))
-
-
-def assumption_sentences(
-    audit: Audit,
-    policy: str = "",
-    *,
-    p_two_groups: float | None = None,
-    expert_share: float | None = None,
-    demonstrators: str = "",
-) -> tuple[str, ...]:
-    """The finding, the meaning of the probability, and all that an audit assumed, as sentences for `Audit.assumptions`.
-
-    `policy` and `demonstrators` are sentences about these. `p_two_groups` is the judge's probability that there are two
-    groups of scores; `expert_share` is the prior probability of an expert, where the user fixed it.
-    """
-    sentences = (
-        FINDINGS[audit.finding],
-        audit.vocabulary.explanation,
-        "" if p_two_groups is None else f"P(two groups of scores) is {p_two_groups:.2f}.",
-        policy,
-        *audit.doubts,
-        *audit.notes,
-        sentence_of(audit, audit.answers) if audit.anchor == "answers" else NOT_USED,
-        "A demonstration is good or bad as a whole, and a label is certain."
-        if audit.anchor == "named adversary"
-        else "",
-        "" if expert_share is None else f"The share of experts was fixed at {expert_share}.",
-        demonstrators,
-    )
-    return tuple(filter(None, sentences))

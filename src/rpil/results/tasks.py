@@ -15,9 +15,8 @@ from rpil.inference.channels import CHANNELS
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
 from rpil.results.answering import rejecting_rules
-from rpil.results.judged import Interval, table_fields
+from rpil.results.judged import AuditSettings, Interval, table_fields
 from rpil.results.record import Audit
-from rpil.results.settings import AuditSettings
 
 _FINDINGS = tuple(FINDINGS)
 
@@ -106,7 +105,7 @@ def join_audits(
         identifiable=all(audit.identifiable for audit in parts),
         competing=opposed.competing if opposed else (),
         pair=next((audit.pair for audit in parts if audit.pair), ()),
-        assumptions=(_sentence(audits, places, what), *dict.fromkeys(s for audit in parts for s in audit.assumptions)),
+        method=(_sentence(audits, places, what), *dict.fromkeys(one for audit in parts for one in audit.method)),
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
         answers=_within(answers, {task: audit.answers for task, audit in audits.items()}, places),
         contradicting=tuple(name for audit in parts for name in audit.contradicting),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from rpil.data.archive import settings_record
 from rpil.data.demonstrations import BLOCK_STEPS
-from rpil.data.settings_record import settings_record
 from rpil.numerics.types import Array
 
 

@@ -28,7 +28,7 @@ def idle_rows(demonstrations: Demonstrations | Dataset, rule: Literal["rest", "o
     Parameters
     ----------
     demonstrations : Demonstrations or Dataset
-        Where actions are classes no row is idle.
+        With discrete actions no row is idle.
     rule : {"rest", "openpi"}
         By "rest", states and actions stay the same, but for noise, for 7 rows or more, and not while a gripper closes.
         By "openpi", those that its script for DROID leaves out: 7 or more in a row whose actions, but for those called

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rpil.data.settings_record import settings_record
+from rpil.data.archive import settings_record
 from rpil.inference.settings import AnswerSettings
 
 

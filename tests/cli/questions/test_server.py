@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import socket
-import sys
 import threading
 import time
 from dataclasses import replace
@@ -15,8 +14,6 @@ import pytest
 
 import lerobot_folders
 from rpil.cli.questions.material import EpisodeVideos
-from rpil.cli.questions.server import load_server
-from rpil.data.errors import MissingExtraError
 from rpil.data.id_values import read_answers
 from rpil.results.html.page import make_view
 from served import need_server, review_of, serving
@@ -156,27 +153,3 @@ def test_videos_are_served_in_parts(audit, films):
         assert (status, headers["content-type"], content[:3]) == (200, "image/jpeg", b"\xff\xd8\xff")
         for path in ("/video/4/2", "/frame/4/2/0", "/frame/4/0/24", "/video/24/0"):
             assert client.ask("GET", path)[0] == 404
-
-
-def test_a_link_out_of_the_folder_is_not_followed(audit, films, tmp_path):
-    videos = EpisodeVideos.of(str(films), audit.ids, 20.0)
-    with serving(review_of(audit, videos=videos)) as client:
-        file = videos.file(0, 0)
-        moved = file.rename(tmp_path / "moved.mp4")
-        file.symlink_to(moved)
-        try:
-            for path in ("/video/0/0", "/frame/0/0/0"):
-                status, _, content = client.ask("GET", path)
-                assert status == 404
-                assert "leads out of" in json.loads(content)["error"]
-            file.unlink()
-            assert client.ask("GET", "/video/0/0")[0] == 404
-        finally:
-            file.unlink(missing_ok=True)
-            moved.rename(file)
-
-
-def test_without_the_extra_it_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "uvicorn", None)
-    with pytest.raises(MissingExtraError, match=r"rpil\[review\]"):
-        load_server()

@@ -6,7 +6,6 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from rpil.cli.questions.session import Session, next_question, rows_of
@@ -52,18 +51,6 @@ def test_it_ends_after_four_questions_where_every_demonstration_is_good_or_bad(a
 
 def rows():
     return Path("labels.csv").read_text().splitlines()
-
-
-def test_every_answer_is_learned_from_and_written_at_once(audit):
-    session = Session(audit, "labels.csv", None, None)
-    assert session.question == audit.pair
-    lines = session.answer(audit.pair, "1")
-    assert rows() == ["id,label", f"{audit.pair[0]},better than {audit.pair[1]}"]
-    assert lines[0] == "Now: 20 open, 4 outliers."
-    assert session.version == len(session.given) == 1
-    answered = audit.answered({}, [audit.pair])
-    assert session.audit.verdicts == answered.verdicts
-    assert session.question == answered.suggest_labels(1)
 
 
 @pytest.mark.parametrize("name", ["labels.csv", "excel.csv"])
@@ -122,16 +109,3 @@ def test_a_file_that_another_program_replaced_is_left_alone(audit, now):
     assert not session.is_as_written
     assert [row[:2] for row in session.rows] == [("1", "good")]
     assert [file.name for file in Path().iterdir()] == ["labels.csv"] * (now != "gone")
-
-
-def test_copies_with_different_labels_are_a_question_back(audit):
-    copies = replace(audit, copy_of=np.array([1 if m == 7 else m for m in range(24)]))
-    session = Session(copies, "labels.csv", None, None)
-    session.answer((1,), "g")
-    with pytest.raises(DataError, match="1 is labelled good and 7, a copy of it, bad; change one of the labels"):
-        session.answer((7,), "b")
-    assert (session.version, rows()) == (1, ["id,label", "1,good"])
-    session.answer((7,), "u")
-    session.answer((1,), "b")  # the first one is changed
-    session.answer((7,), "b")
-    assert rows() == ["id,label", "1,bad", "7,bad"]

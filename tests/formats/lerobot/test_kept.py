@@ -10,7 +10,7 @@ import pytest
 
 import lerobot_folders as folders
 from rpil.data.errors import DataError
-from rpil.formats.lerobot.defects import find_defects
+from rpil.formats.lerobot.checked_folder import find_defects
 from rpil.formats.registry import find
 
 pytest.importorskip("av", reason="needs the extra video")
@@ -92,6 +92,7 @@ def test_totals_of_version_2(tmp_path):
     find(root).keep(tmp_path / "kept", [2, 5])
     info = json.loads((tmp_path / "kept" / "meta" / "info.json").read_text())
     assert (info["total_videos"], info["total_chunks"], info["fps"]) == (4, 1, folders.FPS)
+    assert info["splits"] == {"train": "0:2"}
     assert len([*(tmp_path / "kept" / "videos").rglob("*.mp4")]) == 4
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import lerobot_folders as folders
 from rpil.data.errors import DataError
-from rpil.formats.lerobot.defects import find_defects
+from rpil.formats.lerobot.checked_folder import find_defects
 from rpil.formats.lerobot.video import frame_times, look, picture
 from rpil.formats.registry import find
 

@@ -83,13 +83,9 @@ def test_the_ends_of_the_box_are_in_its_first_and_last_bins():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_adversaries_of_continuous_actions_have_no_intended_action(name):
+def test_fit_never_lowers_the_objective_and_there_is_no_intended_action(name):
     found, outputs = fitted(name)
     assert found.intended_action_proba(outputs, PROBLEM.actions) is None
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_fit_never_lowers_the_objective(name):
     for which, toy in continuous_zoo(0).items():
         problem = toy.problem()
         rng = np.random.default_rng(0)

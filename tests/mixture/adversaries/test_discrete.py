@@ -42,10 +42,6 @@ def fitted(name: str, n_actions: int, seed: int = 0):
     return learn(named(name, n_actions), features, log_policy, actions, np.random.default_rng(seed).random(N))
 
 
-def matrix(found: Confusion) -> NDArray:
-    return np.exp(found.log_matrix)
-
-
 def by_action(found, features, log_policy) -> NDArray:
     """psi(k|s) of every action, (N, K)."""
     n, n_actions = log_policy.shape
@@ -69,7 +65,7 @@ def brute_force(name: str, found, features, log_policy) -> NDArray:
         case "normalised complement":
             return (1 - pi) / (n_actions - 1)
         case "confusion":
-            return pi @ matrix(found)
+            return pi @ np.exp(found.log_matrix)
         case "own policy":
             logits = features @ found.policy.weights
             return np.exp(log_softmax(logits, axis=1))
@@ -118,7 +114,7 @@ def test_intended_action_proba_is_the_posterior(name, n_actions):
     """Bayes by enumeration: P(j | a) = P(j) P(a | j) / sum."""
     _, log_policy, actions = steps(n_actions)
     found = fitted(name, n_actions)
-    emission = matrix(found) if name == "confusion" else (1 - np.eye(n_actions)) / (n_actions - 1)
+    emission = np.exp(found.log_matrix) if name == "confusion" else (1 - np.eye(n_actions)) / (n_actions - 1)
     intended = found.intended_action_proba(log_policy, actions)
     for n in range(N):
         joint = [np.exp(log_policy[n, j]) * emission[j, actions[n]] for j in range(n_actions)]
@@ -126,16 +122,13 @@ def test_intended_action_proba_is_the_posterior(name, n_actions):
     np.testing.assert_allclose(intended.sum(axis=1), 1.0)
 
 
-def test_intended_action_proba_of_a_nearly_certain_policy():
+def test_intended_action_proba_of_a_nearly_certain_policy_and_of_other_adversaries():
+    _, log_policy, actions = steps(3)
+    for name in ("constant", "uniform", "marginal", "own policy"):
+        assert fitted(name, 3).intended_action_proba(log_policy, actions) is None
     log_policy = log_softmax(np.array([[0.0, -2000.0, -2000.0 - np.log(3)]]), axis=1)
     intended = Complement().intended_action_proba(log_policy, np.array([0]))
     np.testing.assert_allclose(intended, [[0.0, 0.75, 0.25]], atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["constant", "uniform", "marginal", "own policy"])
-def test_other_adversaries_have_no_intended_action(name):
-    _, log_policy, actions = steps(3)
-    assert fitted(name, 3).intended_action_proba(log_policy, actions) is None
 
 
 @pytest.mark.parametrize("n_actions", [2, 4])
@@ -164,23 +157,17 @@ def test_learned_parameters_are_modes():
     found = learn(Marginal.start(3), features, certain, actions, weight)
     np.testing.assert_allclose(np.exp(found.log_frequency), np.array([2.5, 3.0, 1.0]) / 6.5)
     learned = learn(Confusion.start(3), features, certain, actions, weight)
-    np.testing.assert_allclose(
-        matrix(learned), [[2 / 4, 1 / 4, 1 / 4], [1.5 / 3.5, 1 / 3.5, 1 / 3.5], [1 / 5, 3 / 5, 1 / 5]]
-    )
+    expected = [[2 / 4, 1 / 4, 1 / 4], [1.5 / 3.5, 1 / 3.5, 1 / 3.5], [1 / 5, 3 / 5, 1 / 5]]
+    np.testing.assert_allclose(np.exp(learned.log_matrix), expected)
 
 
-def test_given_confusion_is_never_learned():
+def test_given_confusion_is_never_learned_and_must_be_square_rows_of_distributions():
     given = Confusion.given(np.eye(3)[[1, 2, 0]])
     assert learn(given, *steps(3), np.ones(N)) is given
     assert given.log_prior() == 0.0
-
-
-@pytest.mark.parametrize(
-    "bad", [[[0.5, 0.5]], [0.5, 0.5], [[1.0, 1.0], [0.0, 1.0]], [[1.5, -0.5], [0.0, 1.0]], [[np.nan, 1.0], [0.0, 1.0]]]
-)
-def test_given_confusion_must_be_square_rows_of_distributions(bad):
-    with refused("rows are distributions"):
-        Confusion.given(bad)
+    for bad in ([[0.5, 0.5]], [0.5, 0.5], *([first, [0.0, 1.0]] for first in ([1.0, 1.0], [1.5, -0.5], [np.nan, 1.0]))):
+        with refused("rows are distributions"):
+            Confusion.given(bad)
 
 
 def test_impossible_action_has_no_intended_action():

@@ -162,7 +162,7 @@ def test_marks_survive_a_reload_and_are_downloaded(browser: Browser, tmp_path: P
 def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp_path: Path) -> None:
     from rpil import formats
 
-    given = dict.fromkeys(("ids", "sessions", "own_reasons", "notes", "doubts", "assumptions"), HOSTILE)
+    given = dict.fromkeys(("ids", "sessions", "own_reasons", "notes", "doubts", "method"), HOSTILE)
     given |= {"order": np.arange(float(len(HOSTILE))), "demonstrators": (Demonstrator(HOSTILE[0], None, HOSTILE),)}
     audit = make_audit(("outlier",) * len(HOSTILE), lengths=[80] * len(HOSTILE), **given)
     page = write(tmp_path / "r.html", audit, tasks={name: name for name in HOSTILE}, source="rpil </code>")
@@ -220,19 +220,6 @@ def test_segments_are_a_band_and_rows_are_marked_with_two_keys(browser: Browser,
     marks = parse_marks(rows, "labels.csv", HOSTILE, np.full(len(HOSTILE), 90))
     assert sorted(marks.tolist()) == [[0, 30, 51, -1], [1, 60, 70, -1]]
     assert [(row.id, row.label) for row in rows if not row.is_mark] == [(HOSTILE[0], "bad")]
-
-
-def test_steps_are_drawn_in_seconds_and_their_places_copied(browser: Browser, tmp_path: Path) -> None:
-    audit = make_audit(("outlier", "open"), lengths=[300, 90], order=np.array([1.0, 2.0]), fps=30.0)
-    browser.open(write(tmp_path / "r.html", audit, lerobot=True))
-    assert browser.evaluate("document.querySelectorAll('.detail canvas').length") == 2
-    step = audit.worst_steps(0)[0]
-    assert f"episode=0, t={step / 30:.1f} s" in browser.evaluate("document.querySelector('.detail .step').title")
-    painted = "c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some(Boolean)"
-    browser.wait(f"[...document.querySelectorAll('canvas')].every(c => {painted})")
-    assert browser.evaluate("document.querySelectorAll('[data-role=axis] canvas').length") == 1
-    browser.open(write(tmp_path / "other.html", audit))
-    assert f"demonstration=0, t={step / 30:.1f} s" in browser.evaluate("document.querySelector('.detail .step').title")
 
 
 @pytest.mark.parametrize(("width", "dark"), [(390, True), (1280, False)])

@@ -16,9 +16,9 @@ from audits import make_audit
 from html_page import Page
 from rpil.inference.settings import AnswerSettings, JudgeSettings
 from rpil.results.html.page import About, render_page
+from rpil.results.judged import AuditSettings
 from rpil.results.provenance import Provenance
 from rpil.results.record import Audit
-from rpil.results.settings import AuditSettings
 
 ADDRESS = "https://github.com/leeoniya/uPlot"
 """The only one in the script: of a comment."""
@@ -81,7 +81,7 @@ def test_every_link_and_label_has_a_target(audit: Audit) -> None:
 def test_text_from_the_data_is_never_html() -> None:
     evil = "</script><script>alert(1)</script><!--"
     ids = (evil, '"><img src=x>')
-    changes = {"assumptions": (evil,), "adversary": evil, "competing": ((ids[0],), (ids[1],)), "pair": ids}
+    changes = {"method": (evil,), "adversary": evil, "competing": ((ids[0],), (ids[1],)), "pair": ids}
     audit = make_audit(("open", "outlier"), ids=ids, identifiable=False, doubts=(evil,), **changes)
     audit = replace(audit, provenance=Provenance(evil, evil, 0, {evil: [evil]}, ()))
     about = {"title": evil, "source": evil, "read": (evil,)}

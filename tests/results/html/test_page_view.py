@@ -12,9 +12,9 @@ from html_page import Page
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.inference.answers import Answers
-from rpil.results.answering import looking_order, stretch_of
+from rpil.results.answering import looking_order
 from rpil.results.html.page import About, make_view, render_page
-from rpil.results.reasons import TWO_GROUPS
+from rpil.results.reasons import TWO_GROUPS, worst_stretch
 from rpil.results.record import Audit, Demonstrator, Interval
 
 
@@ -34,9 +34,12 @@ def test_columns_are_those_of_the_audit_in_the_order_of_the_data():
     np.testing.assert_allclose(columns["log_odds"], audit.log_odds, rtol=1e-5)
     assert columns["p"][:6] == [None] * 6  # they have no word
     np.testing.assert_allclose(columns["p"][6:], audit.expert_proba[6:], atol=1e-9)
-    assert columns["rank"] == audit.ranks.tolist()
+    named = make_audit(("expert", "open"), anchor="named adversary", expert_proba=np.array([0.9, 0.5]))
+    assert view(named)["demonstrations"]["p"] == [0.9, 0.5]
+    assert columns["rank"] == audit.ranks.tolist() == (np.argsort(np.argsort(-audit.log_odds)) + 1).tolist()
     assert columns["worst"] == [audit.worst_steps(m) for m in range(len(audit.ids))]
-    assert columns["stretch"] == [stretch_of(audit, m) for m in range(len(audit.ids))]
+    stretches = [worst_stretch(audit.log_ratio(m)) for m in range(len(audit.ids))]
+    assert columns["stretch"] == [one and [*one] for one in stretches]
     assert columns["stretch"][9][0] < 168 / 2 < columns["stretch"][9][1]  # it goes wrong in its middle
     assert found["counts"] == audit.verdict_counts()
     assert found["run"] == audit.run_id

@@ -9,6 +9,7 @@ with that of the weighted ones hardly a step is left after some rounds.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,10 +23,15 @@ POLICIES, ROUNDS = 5, 5
 
 
 def score(made: Made, answers: Mapping[str, bool], seed: int) -> np.ndarray:
-    return mean_of(made.demonstrations, weights(made, answers, seed))
+    return mean_of(made.demonstrations, fitted(made, seed))
 
 
 def weights(made: Made, answers: Mapping[str, bool], seed: int) -> np.ndarray:
+    return fitted(made, seed)
+
+
+@lru_cache(maxsize=1)
+def fitted(made: Made, seed: int) -> np.ndarray:  # the weight of each step
     data, seen, Y = made.demonstrations, states(made.demonstrations), targets(made.demonstrations)
     part = np.random.default_rng(seed).permutation(data.n_steps) % POLICIES
     weight = np.ones(data.n_steps)

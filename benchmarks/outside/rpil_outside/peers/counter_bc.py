@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,6 +37,7 @@ def corrected(made: Made, answers: Mapping[str, bool], seed: int) -> Demonstrati
     return replace(data, actions=(data.actions + changes(made, seed) * spread).clip(data.low, data.high))
 
 
+@lru_cache(maxsize=1)
 def changes(made: Made, seed: int) -> np.ndarray:
     """What is added to each scaled action, (N, K)."""
     data = made.demonstrations

@@ -9,5 +9,6 @@ from rpil_outside.worlds.ocbench import OCBench
 from rpil_outside.worlds.overcooked import Overcooked
 from rpil_outside.worlds.push2d import Push2D
 
-ALL = (Push2D(), OCBench(), Intersection(), EarlyRelease(), Overcooked(), BabyAI(), MetaWorld())
+ALL = (Intersection(), EarlyRelease(), Push2D(), MetaWorld(), BabyAI(), Overcooked(), OCBench())
+"""In the order of a night: quick ones first."""
 WORLDS: dict[str, World] = {world.name: world for world in ALL}

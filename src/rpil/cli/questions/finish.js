@@ -36,7 +36,7 @@ const makeFinish = ({ ask, part }) => {
       const place = body.querySelector('[data-role="written"]');
       const files = Object.entries(done.files).map(([title, path]) => el("div", {}, el("dt", {}, title), el("dd", {}, printable(path))));
       const copy = el("button", { type: "button", onclick: () => copyText(done.command, copy) }, "Copy");
-      const command = done.command && isLess ? [el("p", {}, "To write the data without those that are rejected:"), el("p", { class: "command" }, el("code", { "data-role": "keep-command" }, printable(done.command)), copy)] : [];
+      const command = done.command && isLess ? [el("p", {}, "This command writes the data without the rejected demonstrations:"), el("p", { class: "command" }, el("code", { "data-role": "keep-command" }, printable(done.command)), copy)] : [];
       const notes = done.lost.map((line) => el("p", {}, printable(line)));
       place.replaceChildren(el("p", {}, el("strong", {}, "Written.")), el("dl", { class: "files" }, files), ...command, ...notes);
       place.scrollIntoView({ block: "nearest" });
@@ -67,7 +67,7 @@ const makeFinish = ({ ask, part }) => {
       el("h2", {}, `${found.kept.toLocaleString("en")} of ${size.toLocaleString("en")} kept.`),
       el("p", { "data-role": "counts" }, counts.length ? `Rejected: ${counts.join(", ")}.` : "None is rejected."),
       ...found.notes.map((note) => el("p", {}, printable(note))), ...lists.map(([, box]) => box),
-      kinds.length ? el("fieldset", {}, el("legend", {}, "Reject also those whose recording is odd by"), kinds) : "",
+      kinds.length ? el("fieldset", {}, el("legend", {}, "Also reject demonstrations with these faults"), kinds) : "",
       el("p", { class: "buttons" }, el("button", { type: "button", class: "first", "data-role": "write", onclick: write }, "Write files"), el("button", { type: "button", class: "close", onclick: () => dialog.close() }, "Close ", el("kbd", {}, "Esc"))),
       el("div", { "data-role": "written", role: "status" }));
   };

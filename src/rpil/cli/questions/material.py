@@ -13,7 +13,7 @@ import numpy as np
 
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.folders import check_inside
+from rpil.data.files import check_inside
 from rpil.data.text import printable
 from rpil.formats.dataset import Dataset
 from rpil.formats.format import Shot
@@ -62,9 +62,8 @@ class Recorded:
         one, curves = self.data.select([m]), []
         for k, column in enumerate(self.columns):
             values = self._values(one, k)
-            curves.append(
-                packed({"value": values[bin_starts(len(values))] if column["classes"] else bin_means(values)})
-            )
+            binned = values[bin_starts(len(values))] if column["classes"] else bin_means(values)
+            curves.append(packed({"value": binned}))
         return curves
 
     def column(self, k: int) -> View:

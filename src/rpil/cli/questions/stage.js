@@ -15,7 +15,6 @@ const sliders = ({ d, view, seconds }, members) => {
     el("b", { style: `left:${(100 * value).toFixed(1)}%` }));
   const differ = (values) => (members.length > 1 ? Math.abs(values[members[0]] - values[members[1]]) > DIFFERS : Math.abs(values[members[0]] - 0.5) > 0.5 - DIFFERS);
   const rows = Object.entries(d.facts).flatMap(([name, values]) => {
-    if (name === "time limit") return new Set(members.map((m) => values[m])).size > 1 ? [row(name, members.map((m) => (values[m] ? "reached" : "")))] : [];
     if (!(name in RANK_WORDS)) return [];
     return differ(values) ? [row(RANK_WORDS[name], members.map((m, k) => slider(values[m], k)))] : [];
   });

@@ -131,7 +131,7 @@ const makeSweep = ({ ask, part, answer, undo, why }) => {
         button("Close", "Esc", { class: "close" }, () => dialog.close())),
       grid,
       el("div", { class: "buttons" }, el("button", { type: "button", "data-turn": "-1", onclick: () => turn(-1) }, "‹ Back"), el("span", { "data-role": "place" }), el("button", { type: "button", "data-turn": "1", onclick: () => turn(1) }, "More ›"),
-        el("span", { "data-role": "told", role: "status" }), el("span", { class: "keys muted" }, "Shift and a click, or an arrow, choose a row of them; ", el("kbd", {}, "x"), " this one.")));
+        el("span", { "data-role": "told", role: "status" }), el("span", { class: "keys muted" }, "Shift and a click, or an arrow, choose several; ", el("kbd", {}, "x"), " this one.")));
     // Of the whole page: a button that was pressed and is off now has lost the focus.
     addEventListener("keydown", (event) => { if (dialog.open) press(event); });
     dialog.addEventListener("cancel", (event) => event.preventDefault()); // Escape first lets go what is chosen

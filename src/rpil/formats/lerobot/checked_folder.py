@@ -1,12 +1,12 @@
-"""A folder of LeRobot: what ``meta`` says of its episodes, their rows, videos, and statistics as LeRobot has them."""
+"""A folder of LeRobot: its episodes, rows, videos and statistics, and whether ``meta`` agrees with the data."""
 
 from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,16 +15,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rpil.data.arrays import group_rows
-from rpil.data.errors import DataError
-from rpil.data.files import new_folder
-from rpil.data.folders import check_inside, copy_folder
+from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.files import check_inside, copy_folder, new_folder
 from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed
-from rpil.formats.format import Shot
-from rpil.formats.meta_folder import MetaFolder, cameras, chunk_size, fill, frame_rate
-from rpil.formats.metadata import usual_step
+from rpil.formats.format import Defect, Shot
+from rpil.formats.lerobot.video import NEAR_SECONDS, find_faults, load_av
+from rpil.formats.metadata import MetaFolder, cameras, chunk_size, fill, frame_rate, usual_step
 from rpil.formats.parquet_file import read_table
-from rpil.formats.scan import without_damaged
+from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table import numbers_or_missing
 from rpil.formats.table_folder import find_files
 from rpil.numerics.types import Array
@@ -65,9 +64,6 @@ PATHS = {
     ),
 }
 """Where LeRobot has its data and its videos, by its version."""
-
-NEAR_SECONDS = 1e-4
-"""Seconds by which a timestamp may differ from a frame: LeRobot loads no others."""
 
 
 class EpisodeRows(NamedTuple):
@@ -215,3 +211,92 @@ def annotate(path: Path, output: Path, columns: Mapping[str, Mapping[str, object
             for name, values in columns.items():
                 table = table.append_column(name, pa.array([values.get(episode) for episode in episodes]))
             pq.write_table(table, place)
+
+
+def find_shots(path: Path) -> list[Shot]:
+    """Where the frames of each episode of the folder are; a `DataError` where ``meta`` does not say."""
+    with guarded(path / "meta"):
+        return CheckedFolder(path).shots()
+
+
+def find_defects(path: Path, look: bool) -> list[Defect]:
+    """Find what of a folder does not agree with its data; `look` decodes the videos, which takes a while."""
+    folder = CheckedFolder(path)
+    found: dict[Defect, None] = {}
+    for rule in (_in_times, _in_counts, _in_episodes, partial(_in_videos, look=look)):
+        try:
+            with guarded(path / "meta"):
+                found |= dict.fromkeys(rule(folder))
+        except DataError as error:
+            found[Defect("metadata", "meta", str(error).rstrip("."))] = None
+    return list(found)
+
+
+def _in_times(folder: CheckedFolder) -> Iterator[Defect]:
+    """Episodes with times that LeRobot does not find in a video, or of other frames a second."""
+    if wrong := {m: rows for m, rows in folder.data.items() if rows.off}:
+        fps, off = float(folder.info["fps"]), np.max([rows.off for rows in wrong.values()])
+        why = "a timestamp is no number" if np.isnan(off) else "times do not rise"
+        if not np.isnan(off) and (recorded := np.median([rows.fps for rows in wrong.values()])):
+            why = (
+                f"declared are {fps:.3g} frames a second, recorded {recorded:.3g}; timestamps are up to {off:.3g} s off"
+            )
+        said = f"LeRobot cannot load these rows: {why}"
+        if not cameras(folder.info, "video"):
+            said = f"{why}; LeRobot loads these rows all the same, for they have no videos"
+        is_all = len(wrong) == len(folder.data)
+        place = f"all {len(wrong)} episodes" if is_all else parts_in_words(wrong, "episode", [])
+        yield Defect("timestamps", place, f"{said}; write frame_index / {fps:.6g} in their place")
+
+
+def _in_videos(folder: CheckedFolder, look: bool) -> Iterator[Defect]:
+    """Faults of videos; without the package only files that are not there, unless they are to be looked at."""
+    fps, shots = frame_rate(folder.info.get("fps")), folder.shots()
+    there = {shot.path for shot in shots if shot.path.is_file()}
+    try:
+        if there:
+            load_av()
+    except MissingExtraError:
+        if look:
+            raise
+        shots = [shot for shot in shots if shot.path not in there]
+    return find_faults(shots, fps, folder.states() if look else None) if fps else iter(())
+
+
+def _in_counts(folder: CheckedFolder) -> Iterator[Defect]:
+    totals = {"total_episodes": len(folder.data), "total_frames": sum(rows.n for rows in folder.data.values())}
+    for name, number in totals.items():
+        if folder.info.get(name, number) != number:
+            said = f"{name} is {str(folder.info[name])[:40]}, and the data hold {number}"
+            yield Defect("totals", INFO, said)
+    if gaps := {*range(max(folder.data, default=-1) + 1)} - folder.data.keys():
+        shown, n = parts_in_words(gaps, "episode", []), len(folder.data)
+        said = f"{shown} {'is' if len(gaps) == 1 else 'are'} missing of 0-{max(folder.data)}"
+        remedy = f"LeRobot looks for episodes and videos by position; number the {n} that are there from 0 to {n - 1}"
+        yield Defect("missing episodes", "data", f"{said}; {remedy}, as rpil keep does")
+
+
+def _in_episodes(folder: CheckedFolder) -> Iterator[Defect]:
+    if folder.info.get("codebase_version") == "v2.1" and not (folder.path / EPISODES_STATS).is_file():
+        yield Defect("statistics", EPISODES_STATS, "it is not there; LeRobot's converter to version 3.0 needs it")
+    if not folder.episodes:
+        yield Defect("episode table", "meta", "it does not list the episodes")
+        return
+    lost = folder.episodes.keys() - folder.data.keys()
+    if lost:
+        said = f"{len(lost)} of the {len(folder.episodes)} episodes that it lists are not in the data"
+        yield Defect("episode table", "meta", f"{said}, the first is {min(lost)}")
+    for m, (n, first, file, *_) in folder.data.items():
+        row = folder.episodes.get(m)
+        if row is None:
+            yield Defect("episode table", str(m), "meta does not list it")
+            continue
+        expected = {"length": n} | ({"dataset_from_index": first, "dataset_to_index": first + n} if first >= 0 else {})
+        wrong = [
+            f"{name} is {row[name]}, not {value}" for name, value in expected.items() if row.get(name, value) != value
+        ]
+        places = [row[f"data/{name}"] for name in ("chunk_index", "file_index") if f"data/{name}" in row]
+        named = fill(str(folder.info.get("data_path") or PATHS["v3.0"][0]), *places) if places else file
+        wrong += [f"its data are in {file}, not in {named}"] if named != file else []
+        if wrong:
+            yield Defect("episode table", str(m), "; ".join(wrong))

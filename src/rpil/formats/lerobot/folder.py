@@ -7,7 +7,7 @@ import re
 import shutil
 import warnings
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,12 +15,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rpil.data.arrays import Id, group_rows
+from rpil.data.arrays import group_rows
 from rpil.data.errors import DataError
-from rpil.data.files import check_readable, new_folder
-from rpil.data.folders import copy_folder
+from rpil.data.files import check_readable, copy_folder
 from rpil.data.guard import guarded
-from rpil.data.id_values import check_ids
 from rpil.data.json_files import Parsed, read_json
 from rpil.data.names import quoted
 from rpil.formats import table_folder
@@ -35,10 +33,11 @@ from rpil.formats.lerobot.checked_folder import (
     CheckedFolder,
     ColumnStatistics,
     annotate,
+    find_defects,
+    find_shots,
     joined_stats,
 )
-from rpil.formats.lerobot.defects import find_defects, find_shots
-from rpil.formats.meta_folder import cameras, chunk_size, fill
+from rpil.formats.metadata import cameras, chunk_size, fill
 from rpil.formats.parquet import keep_rows
 from rpil.numerics.types import Array
 
@@ -75,7 +74,7 @@ class Kept:
     old: CheckedFolder
     new: Path
     info: dict[str, Parsed]  # what meta/info.json says
-    wanted: set[str]
+    wanted: Set[str]
     numbers: dict[int, int] = field(default_factory=dict)  # the new one by the old one
     places: dict[int, tuple[int, int]] = field(default_factory=dict)  # chunk and file of the data, by the new number
     lengths: Counter[int] = field(default_factory=Counter)
@@ -99,16 +98,11 @@ class Kept:
 
     def copy_data(self) -> None:
         """Write the data files that hold any of the episodes."""
-        n_files, files = 0, self.old.data_files(self.wanted)
-        for file in files:
-            self.place = self.place_of(n_files)
-            target = self.target(0, *self.place)
+        for n, file in enumerate(self.old.data_files(self.wanted)):
+            self.place = self.place_of(n)
             options = ColumnOptions(id="episode_index")
-            if keep_rows(file, target, self.wanted, options, self.renumbered):
-                n_files += 1
-            else:
-                target.unlink()
-            if not self.is_v3 and len(self.numbers) != n_files:
+            keep_rows(file, self.target(0, *self.place), self.wanted, options, self.renumbered)
+            if not self.is_v3 and len(self.numbers) != n + 1:
                 raise DataError(f"{file}: it holds several episodes, or one of another file; repair the data set.")
 
     def renumbered(self, table: pa.Table) -> pa.Table:
@@ -195,17 +189,10 @@ def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) ->
     return table.set_column(table.column_names.index(name), field, pa.array(values).cast(field.type))
 
 
-def keep(path: Path, output: Path, ids: Sequence[Id], options: ColumnOptions) -> None:
+def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> None:
     """Write a new folder in the layout of its version."""
-    info, old, wanted = check_output(path, output), CheckedFolder(path), {*map(str, ids)}
-    check_ids(ids, old.data, str(path), "them")
-    with new_folder(output) as new:
-        _write(Kept(old, new, info, wanted))
-
-
-def _write(kept: Kept) -> None:
-    """Write a new folder."""
-    old, info, meta = kept.old, kept.info, kept.new / "meta"
+    info, old, meta = check_output(path, output), CheckedFolder(path), output / "meta"
+    kept = Kept(old, output, info, ids)
     with guarded(old.path / "meta" / "episodes"):
         if (old.schema is not None) != kept.is_v3:
             raise DataError(

@@ -21,12 +21,12 @@ from rpil.data.text import MAX_IDS, counted, printable
 from rpil.faults.report import RULES, FaultReport
 from rpil.faults.set_table import SetTable
 from rpil.inference.findings import DECIDED
-from rpil.numerics.types import Array, Int
-from rpil.results.answering import looking_order, stretch_of
+from rpil.numerics.types import Array
+from rpil.results.answering import looking_order
 from rpil.results.choice import choose
 from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
 from rpil.results.overview import headline
-from rpil.results.reasons import TWO_GROUPS
+from rpil.results.reasons import TWO_GROUPS, worst_stretch
 from rpil.results.result import AuditResult
 from rpil.results.vocabulary import SIDES, numbered
 from rpil.segments.kinds import KINDS, Segments
@@ -70,30 +70,19 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
     """The view of an audit: all that the script of its page draws, as one dict of numbers, text, lists and dicts, with
     drawings of the `drawn` first in the order of looking.
 
-    Demonstrations are numbered by their place in the data, from 0 on; M are all of them. Keys with the name of a field
-    of `About` or `Audit` are this field; ids are numbers of demonstrations there. The others are:
+    Demonstrations are numbered by their place in the data, from 0 on, and M are all of them; ids are such numbers. Keys
+    with the name of a field of `About` or `Audit` are this field. Of the others:
 
-    run, probability
-        The run id, and what P is called.
-    sides, counts
-        The side of each verdict in use, and its number of demonstrations.
-    question, pair
-        The question, or ""; the two demonstrations that it is about, or none.
-    answers
-        The labels and pairs that were given: [demonstration, "good", "bad", "better than ID" or "same as ID"].
+    answers, rows
+        [demonstration, "good", "bad", "better than ID" or "same as ID"]; [demonstration, first, the one after the last,
+        "good" or "bad"].
     demonstrations
         Columns of M, by the names of `AuditResult.table` and: p (None where the place is shown in its stead), evidence
         (dict of columns), worst (lists of steps), stretch (the first and the last of the worst steps in a row, or
         None), group ("A", "B" or ""), session, order, facts (dict of columns), kept.
-    whole_ids, n_review
-        Whether the ids are whole numbers; how many to look at first.
-    segments, rows
-        By number as text, the segments of `About`: [first, the one after the last, kind, reason] of each; and the rows
-        that were called good or bad: [demonstration, first, the one after the last, "good" or "bad"].
     faults
-        Recording faults: kinds (of each rule, words and n), found (columns rule, demonstration or None, sentence;
-        the worst first), first (the worst of some demonstrations, numbers of found).
-    drawings
+        Columns of the worst ones, of each rule words and n, and numbers of those shown first.
+    segments, drawings
         By number as text. In P points, of which point k begins at step ``k * n_steps // P``: ratio (min, mean, max of
         the log-ratios), and trust (mean of the trust in the steps). Curves are packed by `packed`.
     """
@@ -148,14 +137,16 @@ def _columns(audit: AuditResult, about: About) -> View:
     letters = {name: letter for letter, members in audit.groups.items() for name in members}
     names, facts, table = list(map(str, audit.ids)), dict(audit.facts), audit.table(about.demonstrators, about.tasks)
     kept, parts = {*choose(table).kept}, {name: part.tolist() for name, part in audit.evidence.items() if part.any()}
+    shown = {audit.vocabulary.upper, audit.vocabulary.lower, "open"}
+    shown -= set() if audit.anchor == "named adversary" else {"open"}
     as_in_table = "verdict", "rank", "n_steps", "reason", "task", "demonstrator", "log_odds", "reliability"
     return {
         "id": names,
         **{name: list(table[name]) for name in as_in_table},
-        "p": [p if audit.has_proba(m) else None for m, p in enumerate(audit.expert_proba.tolist())],
+        "p": [p if audit.verdicts[m] in shown else None for m, p in enumerate(audit.expert_proba.tolist())],
         "evidence": parts if len(parts) > 1 else {},
         "worst": [audit.worst_steps(m) for m in range(len(names))],
-        "stretch": [stretch_of(audit, m) for m in range(len(names))],
+        "stretch": [worst_stretch(audit.log_ratio(m)) for m in range(len(names))],
         "look": (np.array(table["look"]) - 1).tolist(),
         "group": [letters.get(name, "") for name in audit.ids],
         "session": list(map(str, facts.pop("session", [""] * len(names)))),
@@ -188,17 +179,13 @@ def _faults(places: Mapping[Hashable, int], report: FaultReport) -> View:
 
 def drawings(audit: AuditResult, members: Sequence[int]) -> dict[str, dict[str, object]]:
     """The drawings of some demonstrations by their numbers, see above; trust is `Audit.step_trust`."""
-    return {str(m): _drawn(audit, m) for m in members}
-
-
-def _drawn(audit: AuditResult, m: int) -> dict[str, object]:
-    ratio, trust = audit.log_ratio(m), audit.step_trust(m)
-    starts = bin_starts(len(ratio))
-    extremes = {"min": np.minimum.reduceat(ratio, starts), "max": np.maximum.reduceat(ratio, starts)}
-    return {
-        "ratio": packed({**extremes, "mean": bin_means(ratio)}),
-        "trust": packed({"mean": bin_means(trust)}, (0.0, 1.0)),
-    }
+    drawn: dict[str, dict[str, object]] = {}
+    for m in members:
+        ratio, trust = audit.log_ratio(m), {"mean": bin_means(audit.step_trust(m))}
+        starts = bin_starts(len(ratio))
+        extremes = {"min": np.minimum.reduceat(ratio, starts), "max": np.maximum.reduceat(ratio, starts)}
+        drawn[str(m)] = {"ratio": packed({**extremes, "mean": bin_means(ratio)}), "trust": packed(trust, (0.0, 1.0))}
+    return drawn
 
 
 def packed(curves: dict[str, Array], limits: tuple[float, float] | None = None) -> dict[str, object]:
@@ -208,12 +195,8 @@ def packed(curves: dict[str, Array], limits: tuple[float, float] | None = None) 
     low, high = limits or ((float(known.min()), float(known.max())) if known.size else (0.0, 0.0))
     scaled = LEVELS * (values - low) / (high - low or 1.0)
     codes = np.where(np.isfinite(values), np.clip(np.nan_to_num(scaled), 0, LEVELS).round(), NO_VALUE)
-    return {"from": significant(low), "to": significant(high), **dict(zip(curves, map(_as_text, codes), strict=True))}
-
-
-def _as_text(codes: Int[Array, " P"]) -> str:
-    """Base64 of bytes."""
-    return base64.b64encode(codes.astype(np.uint8).tobytes()).decode()
+    texts = [base64.b64encode(one.tobytes()).decode() for one in codes.astype(np.uint8)]
+    return {"from": significant(low), "to": significant(high), **dict(zip(curves, texts, strict=True))}
 
 
 def significant(value: float) -> float:

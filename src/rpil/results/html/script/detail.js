@@ -14,7 +14,6 @@ const makeDetail = (model, place, act) => {
   };
   const list = (items) => items.flatMap((item, k) => (k ? [", ", item] : [item]));
   const facts = (m) => Object.entries(d.facts).flatMap(([name, values]) => {
-    if (name === "time limit") return values[m] ? [el("tr", {}, el("th", { scope: "row" }, "time limit"), el("td", { colspan: 2 }, "reached"))] : [];
     if (!(name in RANK_WORDS)) return [el("tr", {}, el("th", { scope: "row" }, name), el("td", { colspan: 2 }, String(values[m])))];
     const rank = el("span", { class: "rank", "aria-hidden": "true" }, el("b", { style: `left:${(100 * values[m]).toFixed(1)}%` }));
     return [el("tr", {}, el("th", { scope: "row" }, RANK_WORDS[name]), el("td", {}, rank), el("td", {}, `more than in ${percent(values[m])} of all`))];
@@ -64,7 +63,7 @@ const makeDetail = (model, place, act) => {
       el("header", {}, el("h3", {}, names[m]), model.isOpen(m) ? [] : verdict()),
       el("p", { class: "buttons" }, button("good", "g", "Good"), button("bad", "b", "Bad"), live ? live.passing(m) : button("", "u", "No mark"),
         el("span", { class: "turn" }, el("button", { type: "button", "aria-label": "Previous", onclick: () => act.turn(-1) }, "‹"), el("button", { type: "button", "aria-label": "Next", onclick: () => act.turn(1) }, "›"))),
-      model.isOpen(m) ? el("p", { class: "muted" }, "It is shown above. What the audit thinks of it is shown after your answer.") : "",
+      model.isOpen(m) ? el("p", { class: "muted" }, "It is shown above. The audit's opinion appears after your answer.") : "",
       live && !model.isOpen(m) ? live.look(model, m, { step: act.step(), told: act.moved }) : "",
       makeBands(model, m, act),
       live ? live.said(model, m) : "",

@@ -11,7 +11,7 @@ import lerobot_folders as folders
 from lerobot_folders import change_info
 from rpil.data.errors import DataError
 from rpil.faults.recorded import OF_FILES
-from rpil.formats.lerobot.defects import find_defects, find_shots
+from rpil.formats.lerobot.checked_folder import find_defects, find_shots
 from rpil.formats.registry import find
 
 pytest.importorskip("av", reason="needs the extra video")
@@ -30,12 +30,6 @@ def test_nothing_is_found_in_a_folder_that_is_right(tmp_path, version):
     assert found(root, look=True) == []
     find(root).keep(tmp_path / "kept", [1, 3, 4])
     assert found(tmp_path / "kept", look=True) == []
-
-
-def test_totals_are_compared(tmp_path):
-    root = folders.write(tmp_path / "drive", LENGTHS)
-    change_info(root, total_frames=7)
-    assert found(root) == [("totals", "meta/info.json")]
 
 
 @pytest.mark.parametrize("size", [0.5, "many", True])

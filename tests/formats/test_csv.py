@@ -157,6 +157,16 @@ REFUSED = {
         text(BASE | {"action": [f"go {k}" for k in range(M * T)]}),
         "the action takes 60 different texts in 60 steps, too many to compare; name a column of classes",
     ),
+    "a second head": (2 * text(BASE), r"line 62: it repeats the names of the columns, .*; correct it"),
+    "a quotation among the names": (
+        text(BASE).replace(",x,", ',"x,', 1),
+        "a quotation begins and does not end in .*, its names",
+    ),
+    "no rows": ("episode,step,x,action\n", "it has no rows; write one for each step below the names of its columns"),
+    "no id": (
+        text({"versuch": RUN, "x": X[:, 0], "action": TURN}),
+        "no column says which demonstration .*'versuch', 'x'",
+    ),
     "spaces": (text(BASE, " "), "it has one column, 'episode step x v action'; write commas, semicolons or tabs"),
 }
 
@@ -169,6 +179,12 @@ def test_what_cannot_be_read_is_refused_with_the_place_and_the_remedy(tmp_path, 
         formats.read(tmp_path / "a.csv")
     assert str(error.value).startswith("a.csv")
     assert str(error.value).count(". ") == 0
+
+
+@pytest.mark.parametrize("texts", [("1 0", "0 1"), ("left, up", "0.5 up"), ("1.5 s", "v1.2")])
+def test_texts_of_numbers_are_classes(tmp_path, texts):
+    (tmp_path / "a.csv").write_text(text(BASE | {"action": [texts[k % 2] for k in range(M * T)]}))
+    assert read_recording(tmp_path / "a.csv").description.action_reason == "2 different texts"
 
 
 def test_a_field_of_more_than_a_block(tmp_path):

@@ -90,17 +90,6 @@ def test_hostile_zarr(tmp_path):
         rpil.read(path)
 
 
-@pytest.mark.parametrize("place", ["data/img/4.0.0.0", "data/action/1.0", "data/key"])
-def test_a_chunk_that_is_a_link_out_of_the_store_is_not_read(tmp_path, place):
-    secret = tmp_path / "key"
-    path, _ = write_buffer(tmp_path)
-    secret.write_bytes(bytes(24))
-    (path / place).unlink(missing_ok=True)
-    (path / place).symlink_to(secret)
-    with pytest.raises(DataError, match=f"{place}: it is a link that leads out"):
-        rpil.read(path)
-
-
 def test_a_zip_file_is_one_by_its_name(tmp_path):
     folder, _ = write_buffer(tmp_path)
     path = tmp_path / "buffer.zarr.ZIP"

@@ -64,14 +64,6 @@ def test_groups_at_the_top_with_one_more_observation(tmp_path):
     assert "obs/gripper" in recording.description.notes[0]
 
 
-def test_a_file_of_other_layout_attributes_is_still_read(tmp_path):
-    path = robomimic(tmp_path / "lift.hdf5")
-    with h5py.File(path, "r+") as file:
-        file["data"].attrs["env_args"] = "[" * 100_000
-    about = formats.read_recording(path).description
-    assert (about.tasks, about.fps) == ((), None)
-
-
 @pytest.mark.parametrize("parent", ["data", "/"])
 def test_kept_demonstrations_are_as_they_were_with_all_else_of_the_file(tmp_path, parent):
     path = robomimic(tmp_path / "all.hdf5", parent=parent)

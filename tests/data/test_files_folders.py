@@ -14,7 +14,7 @@ import rpil
 from hostile import assert_refused
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.data.folders import check_folder, check_inside, copy_folder
+from rpil.data.files import check_folder, check_inside, copy_folder
 from rpil.formats.registry import find
 
 TABLE = pa.table({"episode_index": [0, 0, 1, 1], "observation.x": [0.5, 1.5, 2.5, 3.5], "action": [0, 1, 1, 0]})
