@@ -114,7 +114,7 @@ def test_it_says_where_it_comes_from(folder):
     assert made.command == f"rpil.audit({str(path)!r}, random_state=2, id='trip', action='steer')"
     assert made.seed == 2
     assert made.files[0]["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
-    assert made.settings == {"settings": repr(FAST)}
+    assert made.settings == {"judge.groups.noise_shares": "(0.1,)"}
     assert audit(rpil.read(path, **COLUMNS)).provenance.files == ()
 
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from dataclasses import replace
 
 import pyarrow.parquet as pq
 import pytest
 
 from audits import make_audit
+from rpil.estimators.settings import Settings
+from rpil.inference.settings import JudgeSettings, OutlierSettings
 from rpil.results import provenance
 from rpil.results.choice import write_kept, write_verdicts
-from rpil.results.provenance import Provenance, digest
+from rpil.results.provenance import Provenance, changed_settings, digest
 
 
 def test_a_file_has_the_digest_that_every_tool_computes(tmp_path):
@@ -44,6 +47,17 @@ def test_the_digest_of_a_folder_changes_with_names_and_contents(tmp_path, monkey
     (folder / "b" / "c.csv").rename(folder / "b" / "e.csv")
     digests.add(digest(folder)["sha256"])
     assert len(digests) == (4 if is_large else 5)  # of large folders sizes alone count
+
+
+def test_settings_that_differ_are_named():
+    assert changed_settings(Settings(), Settings()) == {}
+    changed = replace(
+        Settings(),
+        judge=replace(JudgeSettings(), outliers=OutlierSettings(min_proba=0.75)),
+        judge_features="raw",
+    )
+    assert changed_settings(changed, Settings()) == {"judge_features": "raw", "judge.outliers.min_proba": 0.75}
+    assert changed_settings(math.inf, 1.0, "x") == {"x": "inf"}  # which JSON does not have
 
 
 def test_outputs_carry_it_and_the_run_does_not_depend_on_it(tmp_path):

@@ -21,7 +21,7 @@ from rpil.formats import ReadOptions, opened
 from rpil.formats.columns import ColumnOptions, Names, check_options
 from rpil.formats.format import Frame
 from rpil.formats.recording import Recording
-from rpil.results.provenance import Provenance
+from rpil.results.provenance import Provenance, changed_settings
 from rpil.results.record import Audit
 
 JUDGE_FEATURES = "folded"
@@ -101,6 +101,6 @@ def audit_recording(
     The `path` of the recording, where it has one, the `command` and other `files` say where the audit comes from.
     """
     audit, _ = fit_within_tasks(recording, stated, options, keeps_policy=False)
-    changed = {} if options.settings == Settings() else {"settings": repr(options.settings)}
+    changed = changed_settings(options.settings, Settings())
     provenance = Provenance.of(command, options.random_state, changed, (path, *files))
     return replace(audit, provenance=provenance, fps=recording.description.fps or recording.times().fps)

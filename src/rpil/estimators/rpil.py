@@ -215,9 +215,15 @@ class RPIL(PolicyEstimator):
     @property
     def log_odds_(self) -> Array:
         """`Audit.log_odds`, (M,)."""
-        return self.audit_.log_odds
+        return self._known_audit().log_odds
 
     @property
     def expert_proba_(self) -> Array:
         """`Audit.expert_proba`, (M,)."""
-        return self.audit_.expert_proba
+        return self._known_audit().expert_proba
+
+    def _known_audit(self) -> Audit:
+        """The audit of the fit; an AttributeError of one sentence where there was none, or a file did not hold it."""
+        if not hasattr(self, "audit_"):
+            raise AttributeError("A saved RPIL holds no audit; call rpil.audit on the demonstrations, or fit it again.")
+        return self.audit_

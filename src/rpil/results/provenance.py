@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass
 from pathlib import Path
 
 from rpil.data.archive import rpil_version
@@ -38,6 +39,16 @@ class Provenance:
     def to_dict(self) -> dict[str, object]:
         """All of it, for JSON."""
         return asdict(self)
+
+
+def changed_settings(given: object, default: object, name: str = "") -> dict[str, object]:
+    """The fields, by names with dots, in which two settings, records of the same kind, differ."""
+    if is_dataclass(given) and type(given) is type(default):
+        names = (field.name for field in fields(given))
+        parts = (changed_settings(getattr(given, p), getattr(default, p), f"{name}.{p}".strip(".")) for p in names)
+        return {key: value for part in parts for key, value in part.items()}
+    plain = isinstance(given, str | int | None) or (isinstance(given, float) and math.isfinite(given))
+    return {} if given == default else {name: given if plain else repr(given)}
 
 
 def digest(path: StrPath) -> dict[str, str | int]:

@@ -205,7 +205,8 @@ class AuditResult(Judged):
         nested = ("from_", "fact_", "demonstrator", "task", "faults", "run")  # or not known to an audit
         columns, asked = {name: own for name, own in self.table().items() if not name.startswith(nested)}, None
         if self.question:
-            look_at = [worst_stretch(self.log_ratio(self.index(name))) for name in self.pair]
+            stretches = [worst_stretch(self.log_ratio(self.index(name))) for name in self.pair]
+            look_at = [stretch and [*stretch] for stretch in stretches]
             asked = {"pair": list(self.pair), "look_at": look_at, "text": self.question}
         return {
             "n_demonstrations": len(self.ids),
