@@ -99,3 +99,8 @@ def test_a_link_to_nothing_is_refused_before_anything_is_judged(command):
     )
     assert not Path("elsewhere.csv").exists()
     assert Path("labels.csv").is_symlink()
+
+
+def test_a_named_adversary_learns_from_no_answer(data):
+    words = "keeps nothing to learn from answers; leave out --adversary"
+    refused(words, "label", data, "-q", "--observations", "x,v", "--adversary", "marginal")

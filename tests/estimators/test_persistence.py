@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
 from sklearn.linear_model import LogisticRegression
+from sklearn.tree import DecisionTreeClassifier
 
 from archives import mountain_car, npy, refused, rewrite
 from rpil import RPIL, BehavioralCloning, Confusion, RMEnt, load, save
 from rpil.data.errors import DataError
+from rpil.mixture.adversaries.discrete import Uniform
 from small import mixture as mixture_settings
 
 
@@ -87,15 +89,16 @@ def test_classes_of_every_type_are_saved(actions, tmp_path):
     assert not hasattr(loaded, "feature_names_in_")
 
 
-@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")  # trees change by leaps
-def test_save_refuses_a_policy_that_is_an_estimator_of_others(data, tmp_path):
-    from sklearn.tree import DecisionTreeClassifier
+class MyAdversary(Uniform):
+    """A user's own."""
 
-    model = RPIL(policy=DecisionTreeClassifier(max_depth=3)).fit(data)
-    with pytest.raises(
-        DataError, match="a DecisionTreeClassifier cannot be saved without pickle; leave it out, or keep"
-    ):
-        save(model, tmp_path / "p")
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")  # trees change by leaps
+@pytest.mark.parametrize("part", [{"policy": DecisionTreeClassifier(max_depth=3)}, {"adversary": MyAdversary()}])
+def test_save_refuses_a_part_of_another_class(part, data, tmp_path):
+    name = type(*part.values()).__name__
+    with pytest.raises(DataError, match=f"a {name} cannot be saved without pickle; leave it out, or keep"):
+        save(RPIL(**part).fit(data), tmp_path / "p")
     assert not list(tmp_path.iterdir())
 
 

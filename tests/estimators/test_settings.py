@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
 import pytest
 from sklearn.linear_model import LogisticRegression
 
-from problems import make, refused
+from problems import make, make_continuous, refused
 from rpil import RPIL, MixtureSettings, SampleSettings, Settings
 from rpil.estimators.reweight import ReweightOptions
+from rpil.inference.settings import AnswerSettings, HeldOutSettings, JudgeSettings, OutlierSettings
 from rpil.mixture.settings import DemonstratorSettings
+from rpil.numerics.regression import ErrorSettings
 from rpil.policies.settings import CrossFitSettings
 from rpil.scale.settings import AscentSettings
 
@@ -19,6 +22,19 @@ def test_cross_fit_settings_reach_a_policy_of_scikit_learn():
     chosen = CrossFitSettings(n_folds=2)
     model = RPIL(policy=LogisticRegression(), settings=Settings(cross_fit=chosen)).fit(make("noisy", 0).demonstrations)
     assert model.policy_.settings == chosen
+
+
+def test_the_audit_carries_the_thresholds_of_its_judge():
+    judge = JudgeSettings(outliers=OutlierSettings(min_proba=0.6), answers=AnswerSettings(min_proba=0.7))
+    audit = RPIL(settings=Settings(judge=judge)).fit(make("random", 3, n_good=4, n_bad=0).demonstrations).audit_
+    assert [audit.settings.min_proba(anchor) for anchor in ("none", "answers", "named adversary")] == [0.6, 0.7, 0.9]
+
+
+def test_error_settings_reach_the_scores_of_continuous_actions():
+    data = make_continuous("noisy", 0).demonstrations
+    heavy = JudgeSettings(held_out=HeldOutSettings(errors=ErrorSettings(degrees_of_freedom=1.0)))
+    ours, theirs = RPIL().fit(data), RPIL(settings=Settings(judge=heavy)).fit(data)
+    assert not np.allclose(ours.audit_.step_log_ratio, theirs.audit_.step_log_ratio)
 
 
 @pytest.mark.parametrize(

@@ -270,3 +270,10 @@ def test_values_of_demonstrations_are_read_where_they_are_named(written):
     assert recording.operators == [("2", "c"), ("1", "a"), ("0", "b")]
     assert recording.describe().ignored["length"] == "not one value for each step"
     assert rpil.open(path).operators == []
+
+
+def test_named_observations_do_not_change_where_demonstrations_end(written):
+    arrays = next(arrays for note, arrays in LAYOUTS if "where next_obs is" in note)
+    found = rpil.read(written(arrays | {"force": STATES[:, :1]}), observations="force")
+    assert found.lengths.tolist() == list(LENGTHS)
+    np.testing.assert_array_equal(found.observations, STATES[:, :1])

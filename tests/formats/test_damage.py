@@ -167,3 +167,22 @@ def test_where_no_file_is_sound_the_first_is_named():
     for file in folder.rglob("data/**/*.parquet"):
         file.write_bytes(b"PAR1" + bytes(80))
     refused(r"file-000\.parquet: .*a damaged or truncated one", "info", "arm", "--skip-bad")
+
+
+def row(m, rng):
+    note = rng.choice(["", "ok", '"a, b"', " 007 ", "1e400", str(10**30), "2024-01-01T00:00:00Z"])
+    return f"{m},{rng.random()},{rng.randint(0, 1)},{note}"
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_each_kept_record_is_one_of_the_source_in_its_order(seed):
+    rng = random.Random(seed)
+    n, end, last = rng.randint(3, 8), rng.choice(["\n", "\r\n"]), rng.choice([True, False])
+    records = [(m, row(m, rng)) for m in rng.sample(range(n), n) for _ in range(5)]
+    if seed % 3 == 0:
+        rng.shuffle(records)
+    kept, head = rng.sample(range(n), rng.randint(1, n)), table(0)
+    Path("a.csv").write_bytes((end.join([*head, *(text for _, text in records)]) + end * last).encode())
+    rpil.open("a.csv").keep(kept, "kept.csv")
+    expected = end.join([*head, *(text for m, text in records if m in kept)])
+    assert Path("kept.csv").read_bytes().decode() in (expected, expected + end)

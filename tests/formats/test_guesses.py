@@ -92,3 +92,11 @@ def test_one_id_in_all_rows_is_named(drive):
 def test_an_operator_that_was_found_is_in_the_next_command(drive):
     pa.csv.write_csv(drives().append_column("driver", [np.arange(300) // 150]), drive)
     assert ok("info", drive, "--action", "steer").stdout.endswith(" --action steer --operator driver\n")
+
+
+def test_ids_of_many_digits_are_told_apart(drive):
+    ids = [f"12345678901234567890123{m:03d}" for m in np.arange(12)]
+    pa.csv.write_csv(drives(trip=np.repeat(ids, STEPS)), drive)
+    for words in ((), ("--id", "trip", "--action", "steer,brake_pressure")):
+        assert "12 demonstrations" in ok("info", drive, *words).stdout
+    assert rpil.read(drive, id="trip", action=["steer", "brake_pressure"]).ids == tuple(ids)

@@ -165,3 +165,10 @@ def test_rows_all_over_the_file_are_read_from_few_batches(monkeypatch):
     moved = steps.Steps(file, "x").taken(rows)
     assert len(read) <= 40 * 40 / 4
     assert np.array_equal(np.concatenate([one["x"] for _, one, _ in moved.tables(["x"])]), rows / 3)
+
+
+def test_lists_of_another_length_in_a_later_batch_are_refused():
+    lists = [[1.0, float(k), 2.0][: 2 + (k >= 20)] for k in range(40)]
+    rows = pa.table({"episode": np.repeat(range(4), 10), "obs": lists, "action": np.arange(40.0)})
+    with pytest.raises(DataError, match=r"demonstration 2, row 21: column 'obs\.0' has no value"):
+        formats.read(rows)

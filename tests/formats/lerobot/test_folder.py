@@ -96,3 +96,15 @@ def test_a_full_disk_is_not_blamed_on_the_data(tmp_path, path):
     with full_disk(20_000), pytest.raises(DataError, match=f"{output.name}: it cannot be written"):
         find(dataset / path).keep(output, [3])
     assert [file.name for file in dataset.parent.iterdir()] == ["drive"]
+
+
+@pytest.mark.parametrize("place", ["meta/extra", "meta/note.txt", "data/chunk-000/file-002.parquet"])
+def test_what_a_link_leads_to_is_not_published(dataset, place):
+    secret = dataset.with_name("home")
+    secret.mkdir()
+    (secret / "id_rsa").write_text("key")
+    (dataset / place).symlink_to(secret / "id_rsa" if (dataset / place).suffix else secret)
+    for use in (formats.read, lambda path: find(path).keep(path.with_name("kept"), [1])):
+        with pytest.raises(DataError, match=f"{place}: it is a link that leads out"):
+            use(dataset)
+    assert not dataset.with_name("kept").exists()
