@@ -61,7 +61,7 @@ def test_every_answer_is_learned_from_and_written_at_once(audit):
     assert lines[0] == "Now: 20 open, 4 outliers."
     assert session.version == len(session.given) == 1
     answered = audit.answered({}, [audit.pair])
-    assert session.audit.verdicts == answered.verdicts
+    assert session.audit.log_odds.tolist() == answered.log_odds.tolist()
     assert session.question == answered.suggest_labels(1)
 
 
