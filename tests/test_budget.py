@@ -23,7 +23,7 @@ BUDGETS = {
     "data": (2636, 27),
     "estimators": (2006, 18),
     "faults": (3006, 122),
-    "formats": (5639, 58),
+    "formats": (5642, 58),
     "inference": (2198, 92),
     "mixture": (797, 20),
     "numerics": (585, 16),

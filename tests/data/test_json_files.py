@@ -9,11 +9,11 @@ from rpil.data.json_files import LARGEST_METADATA, finite, object_in, parse, par
 
 def test_text_and_json_are_read_up_to_a_limit(tmp_path):
     path = tmp_path / "info.json"
-    path.write_text('{"ä": [1, null]}', encoding="utf-8")
+    path.write_text('{"ä": [1, null]}', encoding="utf-8-sig")  # with a mark of three bytes
     assert read_json(path) == {"ä": [1, None]}
-    assert read_text(path, limit=17) == '{"ä": [1, null]}'
+    assert read_text(path, limit=20) == '{"ä": [1, null]}'
     with pytest.raises(DataError, match=r"info\.json"):
-        read_text(path, limit=16)
+        read_text(path, limit=19)
 
 
 def test_a_file_with_a_hole_is_not_read_whole(tmp_path):
@@ -26,7 +26,7 @@ def test_a_file_with_a_hole_is_not_read_whole(tmp_path):
 
 def test_lines_of_json_hold_all_characters_but_ends_of_lines():
     text = '{"task": "a\u2028b\x85c"}\r\n\n[1]\r'
-    assert parse_lines(text, "x.jsonl") == parse_lines(text.encode(), "x.jsonl") == [{"task": "a\u2028b\x85c"}, [1]]
+    assert parse_lines(text, "x.jsonl") == [{"task": "a\u2028b\x85c"}, [1]]
 
 
 def test_json_of_too_many_lists_is_refused(monkeypatch):

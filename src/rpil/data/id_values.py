@@ -265,7 +265,7 @@ def read_id_pairs(path: StrPath, column: str, more: Sequence[str] = ()) -> list[
     """Ids and values of a CSV file with the columns ``id`` and `column`, and perhaps `more`; an id may come twice."""
     path = check_readable(path)
     with guarded(path.name, "it cannot be read as CSV", "write it again"):
-        rows, names, id_column = _csv_rows(read_text(path, LARGEST_TABLE, "utf-8-sig"))
+        rows, names, id_column = _csv_rows(read_text(path, LARGEST_TABLE))
         others = [name for name in names if name.strip().lower() in _OF_ROWS and name not in ("start", "end")]
         if more and others:
             raise DataError(f"{path.name}: call the columns of rows start and end (found {quoted(others)}).")

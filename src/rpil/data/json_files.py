@@ -20,17 +20,17 @@ MOST_LISTS = 2_000_000
 """Lists and objects in JSON, at most: an empty one takes 20 times its text when it is parsed."""
 
 
-def read_text(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8") -> str:
-    """The text of a file; errors are those of `check_text`."""
+def read_text(path: Path, limit: int = LARGEST_METADATA) -> str:
+    """The text of a file in UTF-8, without the mark before it; errors are those of `check_text`."""
     with path.open("rb") as file:
         content = file.read(limit + 1)
     check_text(content, str(path), limit)
-    return content.decode(encoding)
+    return content.decode("utf-8-sig")
 
 
-def read_json(path: Path, limit: int = LARGEST_METADATA, encoding: str = "utf-8") -> Parsed:
+def read_json(path: Path, limit: int = LARGEST_METADATA) -> Parsed:
     """Read a file of JSON; errors are those of `parse`."""
-    return parse(read_text(path, limit, encoding), str(path), limit)
+    return parse(read_text(path, limit), str(path), limit)
 
 
 def object_in(text: object) -> dict[str, Parsed]:
@@ -61,10 +61,10 @@ def check_text(text: str | bytes, where: str, limit: int) -> None:
         raise DataError(f"{where}: it holds more than {MOST_LISTS:,} lists and objects; write it again.")
 
 
-def parse_lines(text: str | bytes, where: str, limit: int = LARGEST_METADATA) -> list[Parsed]:
+def parse_lines(text: str, where: str, limit: int = LARGEST_METADATA) -> list[Parsed]:
     """The values of a text with one value of JSON on each line; errors are those of `parse`."""
     check_text(text, where, limit)
-    lines = text.replace("\r", "\n").split("\n") if isinstance(text, str) else text.splitlines()  # as JSON knows them
+    lines = text.replace("\r", "\n").split("\n")  # as JSON knows them
     return [json.loads(line) for line in lines if line.strip()]
 
 

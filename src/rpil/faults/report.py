@@ -220,7 +220,7 @@ def read_expected(path: StrPath) -> dict[str, set[str]]:
     """
     path = check_readable(check_extension(path, (".json",), "what is expected"))
     with guarded(path.name, "it is not valid JSON in UTF-8", "write rules with lists of ids"):
-        content = read_json(path, LARGEST_TABLE, "utf-8-sig")
+        content = read_json(path, LARGEST_TABLE)
     if not isinstance(content, dict):
         raise DataError(f'{path.name}: it holds no object of rule to list of ids; write, say, {{"spike": [3, 7]}}.')
     expected: dict[str, set[str]] = {}

@@ -149,7 +149,7 @@ def read_verdicts(path: StrPath) -> Table:
         if kind == "parquet":
             columns = read_table(path).to_pydict()
         else:
-            text = read_text(path, LARGEST_TABLE, "utf-8-sig")
+            text = read_text(path, LARGEST_TABLE)
             rows: Any = parse(text, path.name, LARGEST_TABLE) if kind == "json" else csv.DictReader(io.StringIO(text))
             if isinstance(rows, dict) and isinstance(rows.get("rejected"), dict):
                 return _table_of_kept(rows)

@@ -77,7 +77,7 @@ def test_lines_of_json_of_version_2(dataset):
     change_info(dataset, codebase_version="v2.1")
     (dataset / "meta" / "tasks.parquet").unlink()
     lines = [{"task_index": 1, "task": "put down"}, {"task_index": 0, "task": "lift"}]
-    (dataset / "meta" / "tasks.jsonl").write_text("\n".join(map(json.dumps, lines)))
+    (dataset / "meta" / "tasks.jsonl").write_text("\n".join(map(json.dumps, lines)), encoding="utf-8-sig")
     (dataset / "data" / "chunk-000" / "file-000.parquet").rename(dataset / "data" / "chunk-000" / "episode_0.parquet")
     recording = formats.read_recording(dataset)
     assert recording.tasks["3"] == "put down"
@@ -87,6 +87,9 @@ def test_lines_of_json_of_version_2(dataset):
     change_info(dataset, codebase_version="v2.0")
     with pytest.raises(DataError, match=r"'v2\.0' cannot be given back"):
         find(dataset).keep(dataset.with_name("kept"), [1])
+    (dataset / "meta" / "tasks.jsonl").write_text("{}", encoding="utf-16")
+    with pytest.raises(DataError, match=r"its tasks cannot be read .*; write them again in UTF-8"):
+        formats.read_recording(dataset)
 
 
 @pytest.mark.parametrize("path", ["", "data/chunk-000/file-001.parquet"])
