@@ -32,8 +32,12 @@ def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["out.csv", "out.hdf5", "out.zip"])
 def test_a_folder_is_no_file(tmp_path, name):
+    source = find(lerobot(tmp_path))
     with pytest.raises(DataError, match="the data are a folder, so name a folder"):
-        find(lerobot(tmp_path)).keep(tmp_path / name, ["0"])
+        source.keep(tmp_path / name, ["0"])
+    (tmp_path / "notes").touch()
+    with pytest.raises(DataError, match="notes: it is there already; give the path of a new folder"):
+        source.check_output(tmp_path / "notes")  # before any work
 
 
 @pytest.mark.parametrize("address", ["s3://KEY:HIDDEN@bucket/data", "https://a.org/x.csv?token=HIDDEN", "hf://a/b/c"])

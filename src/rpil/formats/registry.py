@@ -172,7 +172,7 @@ class ClaimedPath:
         new, path = Path(output), check_exists(self.path)
         if path.resolve() in (new.resolve(), *new.resolve().parents):
             raise DataError(f"{new}: it is the data themselves, or in them; give another path.")
-        if new.is_dir():
+        if new.is_dir() or (path.is_dir() and not self.is_list(new) and new.exists()):
             raise DataError(f"{new}: it is there already; give the path of a new folder.")
         if self.is_list(new):
             return check_writable(new)
