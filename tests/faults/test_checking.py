@@ -79,6 +79,13 @@ def test_the_worst_comes_first_and_each_demonstration_once_for_each_rule():
     assert "1 more column" in report.findings[1].sentence
 
 
+def test_large_numbers_and_infinities_of_both_signs_raise_no_warning():
+    large = [tuple((1e36 * (values + 5)).astype(np.float32) for values in each) for each in CLEAN]
+    assert check(demonstrations(large)).findings == ()
+    both = with_missing(changed(CLEAN, M, observations=edited(X, [60, 90], 1, [np.inf, -np.inf])))
+    assert {fault.id for fault in check(both).findings} == {M}
+
+
 def test_the_order_of_demonstrations_changes_nothing():
     faulty = demonstrations(changed(CLEAN, M, actions=edited(A, slice(80, None), 2, A[80:, 2] + 20)))
     backwards = check(faulty.select(np.arange(len(faulty))[::-1]))

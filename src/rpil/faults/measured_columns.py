@@ -118,7 +118,9 @@ def all_values(block: Block) -> Float[Array, "T K"]:
 def set_aside(block: Block) -> tuple[Block, Bool[Array, " M"]]:
     """The block without the demonstrations that have values that are NaN or infinite, and a mask of those it keeps."""
     numbers = [x for x in (block.observations, block.actions) if x.ndim == 2]
-    if all(np.isfinite(x.sum()) for x in numbers):  # which takes a moment, and so is each number
+    with np.errstate(over="ignore", invalid="ignore"):  # of large numbers, and of infinity less infinity
+        sums = [x.sum() for x in numbers]  # which takes a moment, and if they are finite, so is each number
+    if np.isfinite(sums).all():
         return block, np.ones(len(block.offsets) - 1, dtype=bool)
     kept = np.logical_and.reduceat(np.isfinite(all_values(block)).all(axis=1), block.offsets[:-1])
     return _chosen(block, kept), kept
