@@ -22,7 +22,7 @@ BUDGETS = {
     "cli": (2365, 22),
     "data": (2636, 27),
     "estimators": (2006, 18),
-    "faults": (3008, 122),
+    "faults": (3011, 122),
     "formats": (5642, 58),
     "inference": (2198, 92),
     "mixture": (797, 20),

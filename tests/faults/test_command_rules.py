@@ -45,6 +45,13 @@ def test_clean_commands_have_no_fault(lag, error):
     assert not RULES & {*check(demonstrations(episodes)).counts}
 
 
+@pytest.mark.parametrize("n", [3, 4, 7, 10])
+def test_few_steps_tell_no_lag_but_that_an_action_is_the_state(n):
+    for same, expected in ((False, set()), (True, {"lag"} if n > 4 else set())):
+        short = [(x[40:][:n], (x if same else a)[40:][:n]) for x, a in CLEAN[:2]]
+        assert RULES & {*check(demonstrations([*short, *CLEAN[2:]])).counts} == expected
+
+
 def test_a_hand_that_holds_something_and_an_arm_that_sags_under_its_load_have_no_offset():
     """The hand's command is below the width of what it holds, and equal where it is open. All joints of the arm lie a
     quarter of a spread below their commands, in some poses more."""

@@ -51,7 +51,7 @@ class ActionIsState(CommandRule):
     def compare(self) -> Compared:
         left, zero = self.measured[-1], settings.MAX_SHIFT
         beside = left[:, [zero - 1, zero + 1]].min(axis=1)
-        is_known = self.data.learned.tracked.is_command & (beside > 0)
+        is_known = self.data.learned.tracked.is_command & (beside > 0) & np.isfinite(beside)
         value = np.where(is_known, left[:, zero] / np.maximum(beside, 1e-300), 1.0)
         severity = np.where(is_known, np.minimum(settings.IS_STATE / (value + 1e-12), 1e6), np.nan)
         return value, settings.IS_STATE, severity

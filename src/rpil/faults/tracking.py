@@ -144,7 +144,7 @@ def relation(parts: Iterable[tuple[Array, Array]], is_command: bool) -> tuple[Ar
 
 def misfits(block: MovingBlock, pairs: Tracked) -> Float[Array, "M K"]:
     """Share of the variance of the actions that is left where the states are taken later by -L to L steps, over all
-    pairs, each in its usual spread."""
+    pairs, each in its usual spread; infinite at a lag, but none, where fewer than three steps are compared."""
     fits = np.flatnonzero(pairs.fits)[: settings.LAG_PAIRS]
     own, n, lengths, far = pairs.action[fits], len(fits), np.diff(block.offsets), settings.MAX_SHIFT
     spread, width = block.columns.spread[own, None], 3 * far
@@ -170,7 +170,9 @@ def misfits(block: MovingBlock, pairs: Tracked) -> Float[Array, "M K"]:
     first, last = (np.cumsum(both[:, :, at], axis=-1) for at in ends)
     a, s = (np.concatenate([x[..., ::-1], nothing, y], 2) for x, y in ((first[0], last[0]), (last[1], first[1])))
     power, other = np.add.reduceat(both[:, n], begins, axis=1)
-    compared = np.maximum(lengths[:, None] - np.abs(np.arange(-far, far + 1)), 1)
+    lags = np.abs(np.arange(-far, far + 1))
+    compared = np.maximum(lengths[:, None] - lags, 1)
     left = (power + other)[:, None] - a[n] - s[n] - 2.0 * products
     left = left / compared - (((a - s)[:n] / compared) ** 2).sum(axis=0)
-    return np.asarray(np.maximum(left, 0.0) / np.maximum(power / lengths, 1e-12)[:, None])
+    left = np.maximum(left, 0.0) / np.maximum(power / lengths, 1e-12)[:, None]
+    return np.where((compared >= 3) | (lags == 0), left, np.inf)

@@ -74,6 +74,7 @@ class OtherLag(ComparingRule):
         self.shift, usual = best - zero - lag, left[:, zero + lag]
         times = np.where(abs(self.shift) > 1, 1.0, settings.LAG_BETTER)
         other = known & (usual > times * enough) & (self.shift != 0) & (lag > 0)  # else most are at fault
+        other &= np.isfinite(usual)
         is_told = known.mean() >= settings.MOST_FEW and other.sum() <= few(len(other))
         severity = np.where(other, np.sqrt(usual / (least + 1e-12)), 0.0) if is_told else np.full(len(left), np.nan)
         steps = np.where(self.early > 0, self.early + 1, np.abs(self.shift))
