@@ -83,6 +83,10 @@ def test_a_review_writes_where_no_link_leads(data):
             )
             assert Path(name).read_text() == "MINE"
             Path(name).write_bytes(content)
+        kept = Path("mine-keep.json").read_text()
+        Path("mine-keep.json").write_text(json.dumps(json.loads(kept) | {"run": "e"}))
+        assert client.post("/api/finish", version=0, write=True)[0] == 400, "a run id that every file has in it"
+        Path("mine-keep.json").write_text(kept)
     before = Path("mine-keep.json").read_bytes()
     with reviewing(data, "--labels", "mine.csv") as (_, client):  # on another day it goes on
         client.answer(0, "b", 3)

@@ -64,7 +64,7 @@ ROW_INDEX = re.compile(r"index_level_\d+|unnamed_\d+|")
 OPERATOR = re.compile(
     r"(?:operator|demonstrator|teleoperator|user|subject|participant|annotator|pilot|driver|person|worker)s?" + _NUMBER
 )
-PARTICIPANT = re.compile(rf"(?:participant|subject)s?{_NUMBER}")  # each of whom may have given one demonstration
+PARTICIPANT = re.compile(rf"(?:participant|subject)s?{_NUMBER}")  # may have given one demonstration each
 TASK = re.compile(rf"tasks?{_NUMBER}|(?:language_)?instructions?|task_description")
 INTERVENTION = re.compile(r"(?:.*_)?(?:interventions?|intervened|takeovers?|is_human)(?:_(?:flags?|active))?")
 _WORDS = re.compile(r"[\W_]+")

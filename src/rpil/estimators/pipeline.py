@@ -175,7 +175,7 @@ def judged_starts(data: FitData, settings: Settings) -> dict[str, Array]:
 def judge_by_options(
     demonstrations: Demonstrations, data: FitData, options: FitOptions, learns: bool
 ) -> tuple[Judgement, HeldOutSoftmax | HeldOutRidge]:
-    """The judgement of demonstrations, and the held-out linear policies, by which a learner finds whom to trust."""
+    """Judge demonstrations; also return the held-out linear policies, which find the part that a learner trusts."""
     settings = options.settings.judge
     linear = held_out_model(options.linear_data(demonstrations, data), settings.held_out)
     with_prior = replace(settings, parts=replace(settings.parts, prior=options.settings.mixture.prior))

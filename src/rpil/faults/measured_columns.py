@@ -1,6 +1,6 @@
-"""Facts about the columns of a recording, told by a sample of its demonstrations: which measure something, and how they
-usually move; and sums over the steps of each demonstration of a block.
+"""Facts about the columns of a recording, and sums over the steps of each demonstration of a block.
 
+A sample of the demonstrations shows which columns measure something, and how they usually move.
 Arrays are (C, T), one column of the recording in a row, so that a demonstration is contiguous. `offsets` (M + 1,) run
 from 0 to T, and results are (M, C).
 """
