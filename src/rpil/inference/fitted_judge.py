@@ -33,7 +33,7 @@ class SoftmaxRatio:
     @classmethod
     def fit(cls, data: FitData, weight: Float[Array, " N"], ridge: float, settings: HeldOutSettings) -> SoftmaxRatio:
         """Fit the policy to weighted steps, with a `ridge` a step."""
-        return cls(fit_weighted(data, weight, ridge, settings.tol), frequencies(data))
+        return cls(fit_weighted(data, weight, ridge, settings.tol).weights, frequencies(data))
 
     def step_ratios(
         self, features: Float[Array, "N D"], actions: Int[Array, " N"], settings: HeldOutSettings

@@ -26,7 +26,7 @@ from rpil.numerics.types import Array, Float, Int
 from rpil.policies.folds import deal, out_of_fold
 
 if TYPE_CHECKING:
-    from rpil.numerics.newton import Preconditioner
+    from rpil.numerics.newton import Preconditioner, SoftmaxFit
     from rpil.policies.cross_fitted import CrossFittedPolicy
 
 
@@ -69,26 +69,25 @@ class _Linear(HeldOutModel):
 
 @dataclass(eq=False)
 class HeldOutSoftmax(_Linear):
-    """Softmax policies with lapses, for discrete actions. The fit of a fold begins at its last one, and with a Hessian
-    that all folds share."""
+    """Softmax policies with lapses, for discrete actions. The fit to all folds begins at the last one, and the fits
+    without a fold begin at it and with its Hessian, which is nearly theirs (approximate cross-validation, Rad and
+    Maleki 2020); they go on until they have converged."""
 
-    _weights: dict[int, Float[Array, "D K"]] = field(default_factory=dict, init=False)
-    _log_proba: Float[Array, "N K"] | None = field(default=None, init=False)
+    _weights: Float[Array, "D K"] | None = field(default=None, init=False)
 
     def _evaluate(self, weight: Float[Array, " N"], ridge: float) -> Float[Array, " N"]:
-        from rpil.numerics.newton import Preconditioner  # which ridge regression does without
+        features, tol = self.data.features, self.settings.tol
+        whole = fit_weighted(self.data, weight, ridge, tol, self._weights)
+        self._weights = whole.weights
 
-        features, n = self.data.features, n_actions(self.data)
-        proba = np.full((len(weight), n), 1 / n) if self._log_proba is None else np.exp(self._log_proba)
-        hessian = Preconditioner(features, proba, weight, penalty_of(features, weight, ridge))
+        def predict(_: int, test: Array) -> Array:
+            fit, others = whole, np.where(test, 0.0, weight)
+            if weight[test].any():
+                fit = fit_weighted(self.data, others, ridge, tol, whole.weights, whole.preconditioner)
+            return log_softmax(features[test] @ fit.weights)
 
-        def predict(k: int, test: Array) -> Array:
-            others = np.where(test, 0.0, weight)
-            self._weights[k] = fit_weighted(self.data, others, ridge, self.settings.tol, self._weights.get(k), hessian)
-            return log_softmax(features[test] @ self._weights[k])
-
-        self._log_proba = out_of_fold(self.data.per_step(self.fold), predict, features)
-        return with_lapses(self._log_proba, frequencies(self.data), self.data.actions, self.settings.lapse)
+        log_proba = out_of_fold(self.data.per_step(self.fold), predict, features)
+        return with_lapses(log_proba, frequencies(self.data), self.data.actions, self.settings.lapse)
 
 
 def fit_weighted(
@@ -98,14 +97,14 @@ def fit_weighted(
     tol: float,
     start: Float[Array, "D K"] | None = None,
     hessian: Preconditioner | None = None,
-) -> Float[Array, "D K"]:
-    """The weights of a softmax policy fitted to weighted steps, with a `ridge` a step, from `start`."""
-    from rpil.numerics.newton import NewtonSettings, fit_softmax
+) -> SoftmaxFit:
+    """A softmax policy fitted to weighted steps, with a `ridge` a step, from `start`."""
+    from rpil.numerics.newton import NewtonSettings, fit_softmax  # which ridge regression does without
 
     rows = np.flatnonzero(weight > 0)
     features, weight = data.features[rows], weight[rows]
     targets, penalty = one_hot(data.actions[rows], weight, n_actions(data)), penalty_of(features, weight, ridge)
-    return fit_softmax(features, targets, penalty, NewtonSettings(tol), start=start, preconditioner=hessian).weights
+    return fit_softmax(features, targets, penalty, NewtonSettings(tol), start=start, preconditioner=hessian)
 
 
 def penalty_of(features: Float[Array, "N D"], weight: Float[Array, " N"], ridge: float) -> Float[Array, " D"]:
