@@ -166,7 +166,10 @@ def auroc(good: Array, score: Array) -> float:
 
 def markdown(result: Row) -> str:
     """The section of docs/results.md."""
-    explained = "Audits without answers beside the truth: outliers, groups apart, and the first to look at."
+    explained = (
+        "Audits without answers beside the truth: outliers, groups apart, and the first to look at. *Half* is the good "
+        "half of each recorded set; *walks* are made by one curved rule without mistakes."
+    )
     return "\n".join(["## Claims without answers", "", explained, "", *report(result["rows"])])
 
 
