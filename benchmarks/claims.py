@@ -246,8 +246,8 @@ def beside_0_3(rows: list[Row]) -> list[str]:
         lower += [f"{row['name']} {then:.3f} to {now:.3f}"] if now < then - LEAST else []
     if not n:
         return []
-    text = f"Compared with the judge of 0.3, the AUROC on {n} sets is lower by more than {LEAST} in {len(lower)}"
-    return [f"{text}{f' ({chr(59).join(lower)})' * bool(lower)} and higher in {better}."]
+    text = f"Compared with the judge of 0.3, the AUROC is lower by more than {LEAST} in {len(lower)} of {n} sets"
+    return [f"{text}{f' ({chr(59).join(lower)})' * bool(lower)}, and higher in {better}."]
 
 
 def changes(rows: list[Row]) -> list[str]:
