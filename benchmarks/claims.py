@@ -166,7 +166,10 @@ def auroc(good: Array, score: Array) -> float:
 
 def markdown(result: Row) -> str:
     """The section of docs/results.md."""
-    explained = "Audits without answers beside the truth: outliers, groups apart, and the first to look at."
+    explained = (
+        "Audits without answers beside the truth: outliers, groups apart, and the first to look at. *Half* is the good "
+        "half of each recorded set; *walks* are made by one curved rule without mistakes."
+    )
     return "\n".join(["## Claims without answers", "", explained, "", *report(result["rows"])])
 
 
@@ -243,8 +246,8 @@ def beside_0_3(rows: list[Row]) -> list[str]:
         lower += [f"{row['name']} {then:.3f} to {now:.3f}"] if now < then - LEAST else []
     if not n:
         return []
-    text = f"Compared with the judge of 0.3, the AUROC on {n} sets is lower by more than {LEAST} in {len(lower)}"
-    return [f"{text}{f' ({chr(59).join(lower)})' * bool(lower)} and higher in {better}."]
+    text = f"Compared with the judge of 0.3, the AUROC is lower by more than {LEAST} in {len(lower)} of {n} sets"
+    return [f"{text}{f' ({chr(59).join(lower)})' * bool(lower)}, and higher in {better}."]
 
 
 def changes(rows: list[Row]) -> list[str]:

@@ -192,21 +192,20 @@ class Kind:
 
 _cut: Fault = lambda e, _, size, __: e[: int(len(e) / size)] if len(e) >= 3 * size else None  # noqa: E731
 HELD = ("frozen sensor", "frozen action", "saturation")
-HELD_UNIT, IDLE_UNIT = (f"times 15 steps, or 4 usual {what}" for what in ("longest runs", "idle ends"))
+LONG = "x long"  # 15 steps, or 4 usual longest runs or idle ends
+CHANGE = "x change"  # the 99.9 % quantile of changes
 KINDS: dict[str, Kind] = {
     "dropped frames": Kind(drop, (1,), "frames", "dropped frames"),
-    "repeated frames": Kind(repeat, (4, 10), "frames, without timestamps", "repeated frames"),
-    "frozen sensor": Kind(_hold("frozen sensor"), (1, 3), HELD_UNIT, "frozen sensor", HELD),
-    "frozen action": Kind(_hold("frozen action"), (1, 3), HELD_UNIT, "frozen action", HELD),
-    "saturation": Kind(_hold("saturation"), (1, 3), HELD_UNIT, "saturation", HELD),
-    "spike": Kind(_leap("spike"), (3, 6), "times the 99.9 % quantile of changes", "spike"),
-    "jump": Kind(_leap("jump"), (3, 6), "times the 99.9 % quantile of changes", "jump"),
-    "scale": Kind(
-        _column("scale", lambda x, size, _, way: x * size**way), (25.4, 57.3), "times or the inverse", "scale"
-    ),
+    "repeated frames": Kind(repeat, (4, 10), "frames", "repeated frames"),
+    "frozen sensor": Kind(_hold("frozen sensor"), (1, 3), LONG, "frozen sensor", HELD),
+    "frozen action": Kind(_hold("frozen action"), (1, 3), LONG, "frozen action", HELD),
+    "saturation": Kind(_hold("saturation"), (1, 3), LONG, "saturation", HELD),
+    "spike": Kind(_leap("spike"), (3, 6), CHANGE, "spike"),
+    "jump": Kind(_leap("jump"), (3, 6), CHANGE, "jump"),
+    "scale": Kind(_column("scale", lambda x, size, _, way: x * size**way), (25.4, 57.3), "x, or inverse", "scale"),
     "lag": Kind(delay, (3, 8), "steps late or early", "lag"),
-    "idle head": Kind(_idle(True), (1,), IDLE_UNIT, "idle head"),
-    "idle tail": Kind(_idle(False), (1,), IDLE_UNIT, "idle tail"),
+    "idle head": Kind(_idle(True), (1,), LONG, "idle head"),
+    "idle tail": Kind(_idle(False), (1,), LONG, "idle tail"),
     "length, cut": Kind(_cut, (4, 10), "times shorter", "length"),
     "sign": Kind(_column("sign", lambda x, *_: -x), (1,), "column", "sign"),
     "offset": Kind(

@@ -111,17 +111,23 @@ def summarise(rows: list[dict[str, Any]], *keys: str) -> dict[tuple[Any, ...], d
 
 
 def render(rows: list[dict[str, Any]]) -> str:
-    """The tables of docs/faults.md: by kind and size, and by set."""
+    """The table of docs/faults.md: by kind and size."""
     sums, units = summarise(rows, "kind", "size", "group"), {name: kind.unit for name, kind in KINDS.items()}
     lines, planted = [], [row for row in rows if row["kind"] != "clean"]
     for kind, size in dict.fromkeys((row["kind"], row["size"]) for row in planted):
         cells = [f"{size:g} {units.get(kind, 'standard deviations of noise')}"]
         for n in (sums.get((kind, size, group)) for group in HALVES):
-            cells += [f"{n['found'] / n['faults']:.2f} of {n['faults']:,}"] if n else [""]
+            cells += [f"{n['found'] / n['faults']:.2f} ({n['faults']:,})"] if n else [""]
             cells += [f"{100 * n['accused'] / max(n['clean'], 1):.1f} %"] if n else [""]
         shares = {row["set"]: row["known"] for row in planted if row["kind"] == kind and row["known"] is not None}
         lines.append([kind, *cells, f"{100 * np.mean(list(shares.values())):.0f} %" if shares else ""])
     header = [cell for group in HALVES for cell in (f"recall, {group}", "false alarms")]
+    first = table(["fault", "size", *header, "known"], lines, 2)
+    return f"{first}\n\n{line(provenance(SEED))}"
+
+
+def render_sets(rows: list[dict[str, Any]]) -> str:
+    """Faults of whole demonstrations that are found in each set, and findings where it is clean."""
     kinds, sets = [k for k in KINDS if k in ABLATED or k == "action early"], summarise(rows, "set", "kind")
     by_set = []
     for row in (row for row in rows if row["kind"] == "clean"):
@@ -129,9 +135,7 @@ def render(rows: list[dict[str, Any]]) -> str:
         cells = [f"{n['found']} of {n['faults']}" if n else "" for n in found]
         alarms = ", ".join(f"{count} {rule}" for rule, count in row["accused"].items())
         by_set.append([row["set"], row["group"], *cells, alarms or "0", str(row["clean"])])
-    first = table(["fault", "size", *header, "known"], lines, 2)
-    second = table(["set", "half", *kinds, "findings where clean", "demonstrations"], by_set, 2)
-    return f"{first}\n\n{second}\n\n{line(provenance(SEED))}"
+    return table(["set", "half", *kinds, "findings where clean", "demonstrations"], by_set, 2)
 
 
 def ablation(rows: list[dict[str, Any]]) -> str:
@@ -190,9 +194,8 @@ def main() -> None:
         return
     sets = clean_sets(options.data, options.files, 10 if options.quick else 40, options.quick)
     rows = run(sets, options.seeds)
-    text = f"{render(rows)}\n\n{speed(20_000 if options.quick else 1_000_000)}"
-    text += f"\n\n{ablation(rows)}" if options.ablation else ""
-    write(options.docs, MARK, text)
+    write(options.docs, MARK, f"{render(rows)}\n\n{speed(20_000 if options.quick else 1_000_000)}")
+    print(f"\n{render_sets(rows)}\n\n{ablation(rows) if options.ablation else ''}")
 
 
 def write(docs: Path | None, mark: str, text: str) -> None:

@@ -12,6 +12,9 @@ from typing import Any
 from rpil.numerics.parallel import cores
 
 PACKAGES = ("rpil", "numpy", "scipy", "scikit-learn", "gymnasium", "box2d", "cleanlab", "dask", "pyarrow")
+NAMED = ("numpy", "scipy", "scikit-learn")
+"""Those that the line under a table names; files of figures have all of them."""
+
 PAGES = "docs/results.md", "docs/speed.md"
 """What figures are written to, so that they are no source of them."""
 
@@ -48,10 +51,10 @@ def line(found: dict[str, Any] | None) -> str:
         return "*Where these figures come from was not recorded.*"
     commit = f"commit {found['commit']}" if found["commit"] else "no commit"
     changed = " with uncommitted changes" if found["dirty"] else ""
-    packages = ", ".join(f"{name} {number}" for name, number in found["packages"].items())
+    packages = "".join(f", {name} {found['packages'][name]}" for name in NAMED if name in found["packages"])
     return (
-        f"*{commit}{changed}, {found['date']}, seeds {found['seeds']}; {found['cores']} cores, {found['system']}, "
-        f"Python {found['python']}, {packages}.*"
+        f"*{commit}{changed}, {found['date']}, seeds {found['seeds']}; {found['cores']} cores, "
+        f"Python {found['python']}{packages}.*"
     )
 
 

@@ -76,13 +76,13 @@ def test_numbers_stay():
 
 
 def test_the_page_has_a_line_for_each_number():
-    page = (ROOT / "docs" / "teams.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "faults.md").read_text(encoding="utf-8")
     lines = [
         f"| {number} | {name} | {OF_AUDIT.get(name) or RULES[name].words} |"
         for number, name in RULE_NAMES.items()
         if name in {*RULES, *OF_AUDIT}
     ]
-    assert re.findall(r"^\| RPIL-.*$", page, re.MULTILINE) == lines
+    assert re.findall(r"^(\| RPIL-.*? \| .*? \| .*? \|).* \|$", page, re.MULTILINE) == lines
 
 
 def test_a_rule_is_named_by_its_number():

@@ -97,7 +97,7 @@ def test_rows_that_do_not_fit_in_memory_are_not_allocated(tmp_path, monkeypatch)
         for name in ("observations", "actions"):
             file.create_dataset(name, (10**8,), "f8")
     monkeypatch.setattr("rpil.data.memory.free_memory", lambda: 1e9)
-    with pytest.raises(DataError, match=r"x\.hdf5: more memory than is free would be needed to read it"):
+    with pytest.raises(DataError, match=r"x\.hdf5: reading it needs more memory than is free"):
         rpil.open(path, on_disk=True)
     with pytest.raises(DataError, match=r"x\.hdf5: to read it would take 1\.6 GB of memory"):
         rpil.read(path)

@@ -22,7 +22,7 @@ def goals(worlds: Mapping[str, Sequence[Row]]) -> list[tuple[str, str]]:
     """Each goal, and whether it is met, with figures."""
     draws = [draw for own in worlds.values() for draw in own]
     return [
-        (f"worst cell of each deed of ours {LEAST:+.0f} or better, half-width {WIDEST:.0f}", of_worst(worlds)),
+        (f"worst cell of each use of rpil {LEAST:+.0f} or better, half-width {WIDEST:.0f}", of_worst(worlds)),
         (f"{FOUR}: {WORTH:.0f} points in half of the cells where {ORACLE} gains them", of_gains(draws)),
         (f"{EIGHT}: AUROC first, or within noise of the first peer, in five of six worlds", of_ranking(worlds)),
         (f"Intersection: a return of {RETURN}", of_return(worlds.get("intersection", []))),

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 @click.option(
     "--keep",
     type=OutputFile(".json"),
-    help="Also write the ids of the demonstrations to keep, all but bad ones, as LeRobot takes them.",
+    help="Also write the ids of the demonstrations to keep, all but the rejected ones, as LeRobot takes them.",
 )
 @click.option(
     "--fail-on",
@@ -75,9 +75,9 @@ def audit(
     fail_on: str | None,
     **options: Value,
 ) -> int:
-    """Print which demonstrations differ from the rest, or are bad, the lowest scores first.
+    """Print which demonstrations to look at first, and which differ from the rest or are bad.
 
-    It fits no final policy; rpil fit has the same verdicts.
+    It fits no final policy; rpil fit does, with the same verdicts.
     """
     outputs = {title: options.pop(title) for title in commands.OUTPUTS}
     lists = outputs["keep"] is not None or outputs["ranges"] is not None

@@ -30,7 +30,7 @@ MAX_TABLE_ROWS = 100
 SARIF_LEVELS = {"broken": "error", "suspect": "warning", "odd": "note"}
 """Levels of SARIF, by the grade of a rule."""
 
-RULES_PAGE = "https://github.com/rpil/rpil/blob/main/docs/teams.md"
+RULES_PAGE = "https://github.com/rpil/rpil/blob/main/docs/faults.md"
 
 
 class Numbered(NamedTuple):
@@ -90,7 +90,7 @@ def sarif(found: Sequence[Numbered], source: str) -> dict[str, object]:
         name, rule = RULE_NAMES[number], RULES.get(RULE_NAMES[number])
         words = {"text": rule.words if rule else OF_AUDIT[name]}
         about = {"id": number, "name": name.title().replace(" ", ""), "shortDescription": words}
-        rules.setdefault(number, about | {"helpUri": f"{RULES_PAGE}#numbered-rules"})
+        rules.setdefault(number, about | {"helpUri": f"{RULES_PAGE}#the-rules"})
         mark = repr((number, place, seen[number, place]))
         seen[number, place] += 1
         at = {"artifactLocation": {"uri": _address(source, file)}, "region": {"startLine": line}}

@@ -149,8 +149,8 @@ def _read_key(keys: Mapping[str, str]) -> tuple[str, str]:
 def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **options: Value) -> None:
     """Look at demonstrations on a page of this computer, answer, and see what each answer changes.
 
-    Answers go to labels.csv, or the file of --labels, as those of rpil label: each is written at once, and a run goes
-    on where the last one ended. The page is for this computer alone. Ctrl-C ends it.
+    The page asks the questions of rpil label. It writes each answer at once to labels.csv, or the file of --labels,
+    and a run goes on where the last one ended. No other computer can open the page. Ctrl-C ends it.
     """
     from rpil.cli.questions.security import Gate
     from rpil.cli.questions.server import application, listen, load_server, serve

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 @click.version_option(package_name="rpil")
 @click.pass_context
 def main(ctx: click.Context, /) -> None:
-    """Find out which demonstrations differ from the rest, or are bad, and learn a policy from the rest.
+    """Find demonstrations that differ from the rest or are bad, and learn a policy from the others.
 
     FILE holds demonstrations: a table (.parquet, .csv) with one row per step and columns such as episode_index, action
     and observation.*, arrays (.npz, .hdf5, Zarr), a folder of tables, or data of LeRobot, robomimic and others. It may
@@ -142,10 +142,10 @@ def keep(
     verdicts: str | None,
     **options: Any,
 ) -> None:
-    """Write demonstrations to a new file of the same format, without those that are bad; or, to ids.json, their list.
+    """Write the kept demonstrations to a new file of the same format; or, to ids.json, their list.
 
-    Bad ones are those that you label bad and those with an outcome of 0. After two answers that contrast, they are also
-    those that the audit calls bad. All others are kept, unless --share or --at-least says otherwise.
+    It rejects those that you label bad and those with an outcome of 0. After two answers that contrast, it also
+    rejects those that the audit calls bad. --share and --at-least choose by the ranking or P instead.
     """
     if share is not None and at_least is not None:
         raise click.UsageError("--share and --at-least exclude each other: leave one out")
@@ -199,7 +199,7 @@ def keep(
 def convert(file: str, output: str, ranges: str | None, quiet: bool, **options: Any) -> None:
     """Write the demonstrations as one table, or as NumPy's arrays: one row per step.
 
-    It holds the observations, the actions, and for each demonstration its operator and task, where the file names them.
+    The table has the observations, the actions, and each demonstration's operator and task, if the file names them.
     """
     columns = pop_columns(options)
     operator = columns.operator

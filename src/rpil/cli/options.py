@@ -102,8 +102,8 @@ outcome_option = click.option(
     "--outcome",
     metavar="[-]COLUMN|FILE",
     multiple=True,
-    help="How each demonstration ended: a success (0 is bad), a return, rewards, or length (its steps); - means that "
-    "more is worse; a column, or a CSV file (id,value). Of several rpil learns how reliable each is.",
+    help="How each demonstration ended: a column, or a CSV file (id,value), of success (0 is bad), return or rewards; "
+    "or length, its steps. - means that less is better. rpil learns how reliable each of several outcomes is.",
 )
 session_option = click.option(
     "--session", metavar="COLUMN|file", help="Judge within sessions: a column, or the file of each demonstration."
@@ -131,7 +131,7 @@ COLUMN_OPTIONS = (
         show_default=True,
         help="Whether columns of whole numbers hold classes or amounts.",
     ),
-    click.option("--only", metavar="IDS", multiple=True, help="Read these demonstrations alone, as 0-16,22."),
+    click.option("--only", metavar="IDS", multiple=True, help="Read only these demonstrations, as 0-16,22."),
     click.option("--without", metavar="IDS", multiple=True, help="Leave these demonstrations out, as 3,7."),
     click.option(
         "--skip-bad", is_flag=True, help="Leave out demonstrations with missing values, and damaged files in folders."
@@ -139,7 +139,7 @@ COLUMN_OPTIONS = (
     click.option(
         "--memory",
         metavar="SIZE",
-        help="Memory that data may take, such as 4GB; by default half of what is free. Larger data stay on disk.",
+        help="Memory that data may take, such as 4GB; by default half of the free memory. Larger data stay on disk.",
     ),
 )
 FIT_OPTIONS = (
@@ -176,7 +176,7 @@ JUDGE_OPTIONS = (
         "--reference",
         type=click.Path(),
         metavar="FILE",
-        help="A file of good demonstrations, which are judged together with those of FILE, and not printed.",
+        help="A file of good demonstrations; rpil judges them together with those of FILE, and does not print them.",
     ),
 )
 

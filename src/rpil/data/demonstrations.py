@@ -129,11 +129,11 @@ class Demonstrations(DemonstrationSet):
     source : str
         The file name, or another name for the data, for use in messages.
     action_kind : {"auto", "discrete", "continuous"}
-        Whether one-dimensional numbers are classes; afterwards what the actions are.
+        Whether one-dimensional numbers are classes; as an attribute, the kind found.
     action_names : sequence of A strings
-        Names of the parts of continuous actions, for messages; there may be none.
+        Names of the parts of continuous actions, for messages; may be empty.
     allows_missing : bool
-        Whether observations and continuous actions may be NaN or infinite, which no fit is given.
+        Whether observations and continuous actions may be NaN or infinite; no fit takes such values.
 
     Raises
     ------
@@ -189,7 +189,7 @@ class Demonstrations(DemonstrationSet):
         source: str = SOURCE,
         action_kind: ActionKind = "auto",
     ) -> Demonstrations:
-        """From episodes as Gymnasium, Minari and imitation give them.
+        """Take episodes as Gymnasium, Minari and imitation give them.
 
         Parameters
         ----------
@@ -218,7 +218,7 @@ class Demonstrations(DemonstrationSet):
         source: str = SOURCE,
         action_kind: ActionKind = "auto",
     ) -> Demonstrations:
-        """From scikit-learn's ``X, y, groups``: the rows of a group keep their order and need not lie together.
+        """Take scikit-learn's ``X, y, groups``: the rows of a group keep their order and need not be adjacent.
 
         The ids are the values of `groups`, in order of first appearance.
         """

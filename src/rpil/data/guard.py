@@ -29,7 +29,7 @@ def guarded(
     except (DataError, MissingExtraError, Warning):
         raise
     except MemoryError as error:
-        raise DataError(f"{where}: more memory than is free would be needed to read it; read less of it.") from error
+        raise DataError(f"{where}: reading it needs more memory than is free; read less of it.") from error
     except Exception as error:  # damaged files make libraries raise errors of very many types
         if isinstance(error, OSError) and error.errno in _OF_WRITING:
             raise

@@ -49,7 +49,7 @@ def audit(
         (id,label, and perhaps start,end).
     outcome : str or several, mapping of id to number, or sequence of M numbers, optional
         How each ended: a column, "length", a CSV file (id,value), or numbers. More is better; with a minus before the
-        name, less is. If all are 0 or 1, those with 0 are bad. Of several, rpil learns how reliable each is.
+        name less is better. If all are 0 or 1, those with 0 are bad. rpil learns how reliable each of several is.
     random_state : int
         Seed; the same seed gives the same bits.
     settings : Settings, optional

@@ -129,7 +129,7 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
         return self._outputs(X)
 
     def score(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> float:
-        """The share of actions that are the most likely one; R^2 of numbers."""
+        """The share of actions that are the most likely one; R^2 for continuous actions."""
         predicted = self.predict(X)
         measure = accuracy_score if len(self.classes_) else r2_score
         return float(measure(y, predicted, sample_weight=sample_weight))
@@ -140,7 +140,7 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
         Raises
         ------
         DataError
-            Where an action is not among `classes_`, or not as `predict` has it.
+            If an action is not among `classes_`, or has another form than those of `predict`.
         """
         codes = encode_actions(self.classes_, np.asarray(y), "the steps")
         return self.policy_.log_prob(self._outputs(X), codes)
@@ -178,11 +178,11 @@ class BehavioralCloning(PolicyEstimator):
     Parameters
     ----------
     features : {"raw", "folded", "nystroem", "auto"}
-        What the policy sees of an observation, see `rpil.policies.features`. "auto" chooses, with the ridge, by the
+        Features of the observations, see `rpil.policies.features`. "auto" chooses, with the ridge, by the
         likelihood of demonstrations that are held out (of single steps, where X is not `Demonstrations`), see
         `rpil.policies.selection`.
     C : float, optional
-        Inverse ridge strength as in scikit-learn's `LogisticRegression`, with which the fit then agrees; by default a
+        Inverse ridge strength as in scikit-learn's `LogisticRegression`: the fit then agrees with it; by default a
         ridge of 1e-5 a step on scaled columns, which depends neither on units nor on the amount of data.
     tol : float
         Largest gradient entry, a step, at which the solver stops.
@@ -190,9 +190,9 @@ class BehavioralCloning(PolicyEstimator):
     Attributes
     ----------
     classes_ : (K,) array
-        The actions, none where they are continuous.
+        The discrete actions; empty for continuous actions.
     space_ : Discrete or Box
-        What actions there are.
+        The set of possible actions.
     coef_, intercept_ : arrays
         As scikit-learn's, on the columns of the feature map.
     """

@@ -49,7 +49,7 @@ def save(estimator: SavedEstimator, path: StrPath) -> None:
     Raises
     ------
     DataError
-        Where the estimator is of another class, its policy or adversary is of the user's own class, or the path cannot
+        If the estimator is of another class, its policy or adversary is of the user's own class, or the path cannot
         be written; an existing file then stays as it was.
     """
     kind = type(estimator).__name__

@@ -118,10 +118,10 @@ class RMEnt(PolicyEstimator):
     Parameters
     ----------
     n_trusted : int or float
-        How many demonstrations are trusted, or what share of them, in (0, 1), rounded up; by default half, because
+        Number of trusted demonstrations, or their share in (0, 1), rounded up; by default half, because
         no estimator withstands more bad ones than that.
     features : {"raw", "folded", "nystroem", "auto"}
-        What the policy sees of an observation; "auto" chooses with all demonstrations trusted alike.
+        Features of the observations; "auto" chooses with all demonstrations trusted alike.
     C : float, optional
         Inverse ridge strength, as in `BehavioralCloning`; each demonstration counts as one of average length.
     n_starts : int
@@ -131,7 +131,7 @@ class RMEnt(PolicyEstimator):
     tol : float
         Largest gradient entry, a step, at which the solver stops.
     random_state : int
-        Same seed, same bits.
+        Seed; the same seed gives the same bits.
     groups : {"rows"}, optional
         "rows" takes every row for a demonstration where `fit` gets no groups; by default that is an error.
 
@@ -144,9 +144,9 @@ class RMEnt(PolicyEstimator):
     ids_ : tuple
         The demonstrations.
     objective_ : float
-        What is minimised: minus the mean `log_likelihood_` of the trusted, plus the ridge.
+        The minimised objective: minus the mean `log_likelihood_` of the trusted, plus the ridge.
     n_iter_ : int
-        Fits of the best start, from when it was among the most promising.
+        Fits of the best start since it was among the most promising.
     converged_ : bool
     classes_ : (K,) array
     coef_, intercept_ : arrays
@@ -185,7 +185,7 @@ class RMEnt(PolicyEstimator):
     def fit(self, X: ArrayLike | Demonstrations, y: ArrayLike | None = None, groups: ArrayLike | None = None) -> RMEnt:
         """Learn from observations X (N, D), actions y (N,) and the demonstration of each step, groups (N,).
 
-        `Demonstrations` are accepted in the place of the three.
+        `Demonstrations` may replace the three.
 
         Raises
         ------

@@ -32,7 +32,7 @@ class RPIL(PolicyEstimator):
     that each demonstration belongs with those that agree best.
 
     By default the judge (`rpil.inference.trust`) decides. The score of demonstration m is the mean held-out log-ratio
-    of its N_m steps under a policy pi fitted to the training group, the demonstrations that are explained best,
+    of its N_m steps under a policy pi fitted to the training group, the demonstrations that agree best,
 
         y_m = (1 / N_m) sum_n [ log pi(a_n | s_n) - log q(a_n) ],
 
@@ -48,8 +48,8 @@ class RPIL(PolicyEstimator):
         held-out likelihood of the trusted demonstrations.
     policy : scikit-learn estimator, optional
         The policy: a classifier with `predict_proba`, or a regressor for continuous actions, that takes
-        `sample_weight`; a pipeline or a search of such. It reads the observations without a feature map. By default the
-        policy is linear in `features`.
+        `sample_weight`; or a pipeline or search of these. It reads the observations without a feature map. By
+        default the policy is linear in `features`.
     adversary : str or Adversary
         "auto" is the judge. The adversaries of the mixture are "constant", "uniform", "marginal", "complement" (the
         paper's), "normalised complement", "confusion", "own policy", or an instance such as
@@ -78,13 +78,13 @@ class RPIL(PolicyEstimator):
     audit_ : Audit
         Finding, verdicts, log-odds and step weights.
     log_odds_, expert_proba_ : (M,) arrays
-        In the order of ``audit_.ids``.
+        Scores and probabilities, in the order of ``audit_.ids``.
     classes_ : (K,) array
         The discrete actions; empty for continuous actions.
     coef_, intercept_ : arrays
-        Of a linear policy.
+        Coefficients of a linear policy.
     state_ : State or None
-        Of the mixture with a named adversary.
+        The mixture with a named adversary.
     lower_bound_ : float
         Objective of the mixture in nats, or mean held-out log-likelihood of a step of the training group.
     n_iter_ : int
@@ -92,7 +92,7 @@ class RPIL(PolicyEstimator):
 
     References
     ----------
-    Crowe, "Robust Probabilistic Imitation Learning": eq. 2, 3, 7, 9, 11; docs/model.md has what is added.
+    Crowe, "Robust Probabilistic Imitation Learning": eq. 2, 3, 7, 9, 11; docs/model.md describes what rpil adds.
 
     Examples
     --------
@@ -147,7 +147,7 @@ class RPIL(PolicyEstimator):
         Parameters
         ----------
         X : (N, D) array, Recording, Demonstrations, Dataset, frame or list of trajectories
-            Observations; all but an array hold actions and groups as well. A frame without `y` is read by `rpil.read`.
+            Observations; all but an array hold actions and groups, too. `rpil.read` reads a frame without `y`.
             The demonstrations of a `Recording` (`rpil.open`) are judged within their tasks and sessions, as ``rpil
             audit`` does, and outcomes, order and demonstrators are those that it states; of several tasks, which are
             read into memory, one policy is learned.
@@ -156,13 +156,13 @@ class RPIL(PolicyEstimator):
         groups : (N,) array
             The demonstration of each step; needed where X is an array, see the parameter of the constructor.
         labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, sequence of pairs, or path, optional
-            Answers about demonstrations, in the place of the constructor's; of a file where it is a path.
+            Answers about demonstrations, in place of the constructor's; a path is a file of them.
         demonstrators : mapping of id to name, or sequence of M names, or file or column of a `Recording`, optional
             The demonstrator of each demonstration. Demonstrations of one demonstrator then change each other's
             log-odds, see `rpil.mixture.demonstrator_prior`. A demonstration without a name has a demonstrator of its
             own.
         outcome : mapping of id to number, or sequence of M numbers, or path or several, optional
-            How each ended, as its return; more is better, NaN is not known, and of 0 and 1 those with 0 are bad.
+            How each ended, such as its return; more is better, NaN is unknown. If all are 0 or 1, those with 0 are bad.
 
         Raises
         ------

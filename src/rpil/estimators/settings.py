@@ -21,8 +21,8 @@ class Settings:
     """
 
     judge_features: str = "auto"
-    """The features while trust is decided: a kind of features, or "auto", which is the kind of the final policy, or
-    "folded" where that is "raw" or "auto". A straight line takes an expert in a rare situation for an adversary.
+    """Features of the judge: a kind, or "auto": the kind of the final policy, but "folded" instead of "raw"
+    and "auto". A straight line takes an expert in a rare situation for an adversary.
     benchmarks/ablations.py ("raw features")."""
     min_feature_weight: float = 0.5
     """Weight of a step, divided by 1 or by the largest weight where that is smaller, above which the feature map of the
@@ -34,7 +34,7 @@ class Settings:
     mixture: MixtureSettings = MixtureSettings()
     """Settings of a named adversary: the M-step, and when EM stops; the prior is that of the learner, too."""
     audit: AuditSettings = AuditSettings()
-    """When a demonstration gets a verdict and its steps full weight."""
+    """Settings of verdicts and weights of steps."""
     selection: SelectionSettings = SelectionSettings()
     """Settings of feature maps, and of the choice of one where features are "auto"."""
     cross_fit: CrossFitSettings = CrossFitSettings()

@@ -116,7 +116,7 @@ class Jump(Leap):
 
 class RepeatedFrames(ComparingRule):
     name, needs = "repeated frames", ("several",)
-    words = "the time between two frames is too short, or a row repeats the one before while all moves"
+    words = "the time between two frames is too short, or a row equals the one before during motion"
     sentence = "{rows} the row before while all moves, most from {first} (usual: {usual})"
 
     @staticmethod

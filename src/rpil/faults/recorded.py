@@ -144,22 +144,22 @@ def _rules(*lines: str) -> tuple[type[Rule], ...]:
 TIMESTAMPS = "timestamps"
 
 OF_FILES = _rules(
-    "totals: the folder counts other episodes or frames than there are",
-    "episode table: the list of the episodes does not agree with the data",
-    "statistics: of version 2.1, episodes_stats.jsonl is not there",
-    "metadata: a file of the folder cannot be understood",
-    "missing episodes: numbers of episodes are missing",
-    "named files: files that a column names are empty, or not there",
+    "totals: the folder declares more or fewer episodes or frames than the data have",
+    "episode table: the table of episodes contradicts the data",
+    "statistics: episodes_stats.jsonl, of version 2.1, is missing",
+    "metadata: a file of the folder cannot be read",
+    "missing episodes: episode numbers are missing",
+    "named files: files that a column names are empty or missing",
 )
 OF_TIMES = _rules(
-    f"{TIMESTAMPS}: the times of the steps are not those of the frames a second that are declared",
-    "video file: a video is not there, or damaged",
+    f"{TIMESTAMPS}: the timestamps do not fit the declared frame rate",
+    "video file: a video is missing or damaged",
     "video frames: a video has more or fewer frames than there are steps",
     "frame times: the frames of a video are at other times than the steps",
 )
 BY_LOOKING = _rules(  # what is seen only where videos are looked at
     "black frames: frames of a video are black",
-    "frozen picture: the picture of a video stays the same for long",
+    "frozen picture: a video shows one picture for long",
 )
 
 FOLDER_RULES = OF_FILES + OF_TIMES + BY_LOOKING

@@ -116,7 +116,7 @@ class Saturation(HeldValue):
 
 
 class NeverMoves(ComparingRule):
-    name, words = "never moves", "a column does not move, and in the others it does"
+    name, words = "never moves", "a column never moves, but moves in other demonstrations"
     sentence = "{column} does not move, and in the others it does"
     causes = ("two units",)
     takes_steps = True

@@ -99,7 +99,7 @@ class OtherLag(ComparingRule):
 
 
 class Sign(ComparingRule):
-    name, words = "sign", "an action, or the state that follows it, has the other sign than usual"
+    name, words = "sign", "an action, or the state that follows it, has another sign than usual"
     sentence = "{column}, or what follows it, has the other sign"
     needs = ("lag", "several")
     causes = ("never moves", "unrelated")
@@ -118,7 +118,7 @@ class Sign(ComparingRule):
 
 
 class FrameRate(CommandRule):
-    name, words = "frame rate", "its frames come at another rate, or it moves in one step as the others do in two"
+    name, words = "frame rate", "its frames come at another rate, or it moves as far in one step as others in two"
     sentence = "its states go {value:.2g} times as far in a step by the same action: perhaps steps are missing"
     needs = ("commands", "several")
 

@@ -102,7 +102,7 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
     action_kind : {"auto", "discrete", "continuous"}
         Whether columns of whole numbers hold classes; "auto" decides by how many there are.
     only, without : str, int or sequence of these
-        Ids of the demonstrations that alone are read, and of those that are not: ``"0-16,22"`` has a range.
+        Ids of the only demonstrations to read, and of those to leave out: ``"0-16,22"`` has a range.
     skip_bad : bool
         Leave out demonstrations in which a value is missing or infinite, and damaged files of a folder, with a warning
         that names them.
@@ -112,7 +112,7 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
     Raises
     ------
     DataError
-        One sentence naming the file, the demonstration, and the remedy; at once where the data take more memory.
+        One sentence naming the file, the demonstration and the remedy; before reading if the data need more memory.
     """
     check_options(columns)
     options = ColumnOptions(**columns)
@@ -129,7 +129,7 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
 
 
 def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpack[OpenOptions]) -> Recording:
-    """Open a recording once, and ask everything of it.
+    """Open a recording, to describe, check, audit or keep it.
 
     ``recording.describe()`` is ``rpil info``, ``rpil.check(recording)`` is ``rpil check``, ``recording.keep(ids,
     output)`` is ``rpil keep``, and ``RPIL().fit(recording).audit_`` is ``rpil audit``.
@@ -152,7 +152,7 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
     Raises
     ------
     DataError
-        One sentence naming the file and the remedy; of values only where the demonstrations are asked for.
+        One sentence naming the file and the remedy; about values only once `demonstrations` is read.
 
     Examples
     --------
@@ -200,7 +200,7 @@ def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:
 
 
 def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, ArrayLike] | None = None) -> None:
-    """Write demonstrations to a .parquet, .csv or .npz file, which is whole or not there.
+    """Write demonstrations to a .parquet, .csv or .npz file, whole or not at all.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, Arr
     Raises
     ------
     DataError
-        Where the path cannot be written, or a truth would be taken for data.
+        If the path cannot be written, or `read` would take a truth for data.
     """
     writer, path = writer_of(path), Path(path)
     arrays = {}

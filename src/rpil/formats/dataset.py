@@ -137,13 +137,13 @@ class Dataset(DemonstrationSet):
         Name of the data in messages.
     steps : Steps
     layout : Layout
-        The arrays that their columns make.
+        The arrays that the columns make.
     classes : (K,) array
         The distinct actions, in order; empty where they are continuous.
     low, high : (A,) arrays
         Smallest and largest continuous actions.
     memory : int or str, optional
-        Bytes that those of them that are read into memory may take; by default half of the free memory.
+        Bytes that demonstrations in memory may take; by default half of the free memory.
     """
 
     ids: tuple[Id, ...]
@@ -187,7 +187,7 @@ class Dataset(DemonstrationSet):
         return [Shard(steps.part(one[0], one[-1]), self.layout, tuple(one)) for one in bounds]
 
     def refuse_faulty(self, numbers: Iterable[int]) -> None:
-        """A `DataError` where a value of the demonstrations of these numbers is missing or infinite."""
+        """Raise a `DataError` if a value of these demonstrations is missing or infinite."""
         for m in sorted(numbers):
             (block,) = Shard(self.steps.part(m, m + 1), self.layout, (m, m + 1))
             source = (self.steps.files(self.offsets[m : m + 1]) or [self.source])[0]

@@ -105,7 +105,7 @@ class PartSettings:
     min_gain: float = 0.02
     """Nats a step by which two policies explain more than one, relative to the larger gain of a part, at least."""
     min_rule: float = 0.05
-    """Gain of a part by its own policy, nats a step, that shows a rule: of actions at random it is up to .044."""
+    """Gain of a part by its own policy, nats a step, that shows a rule; random actions gain up to .044."""
     max_iter: int = 12
     """Times that demonstrations change sides, at most."""
     tol: float = 5e-4
@@ -119,7 +119,7 @@ class ChannelSettings:
     """Channels (`rpil.inference.channels`)."""
 
     idle_share: float = 0.1
-    """A step is idle that moves by less than this share of the median move."""
+    """Share of the median move below which a step is idle."""
     n_components: int = 8
     """Principal components of the summaries of a demonstration, at most."""
 
@@ -150,9 +150,9 @@ class AnswerSettings:
     error: float = 0.02
     """Rate of wrong answers."""
     prior_log_odds: float = 2.0
-    """Nats by which the highest value of a witness speaks more for good than the lowest one, beforehand."""
+    """Prior nats by which the highest value of a witness speaks more for good than the lowest one."""
     prior_counts: float = 4.0
-    """Demonstrations that this is worth."""
+    """Demonstrations that this prior is worth."""
     max_levels: int = 3
     """Different values of a witness; of more, as many quantiles."""
     max_group_log_odds: float = 3.0
@@ -193,8 +193,8 @@ class JudgeSettings:
     """Steps that the variance pooled over demonstrations is worth in the variance of one demonstration's steps."""
     min_gain: float = 0.1
     """Nats a step by which the state must help to predict the actions of the median demonstration of the training
-    group; else nothing could be learned. Of discrete actions whose entropy is less than 1 nat, a share of the entropy.
-    Of actions at random it is -.15 to .1, in recorded data .11 or more."""
+    group; else nothing could be learned. For discrete actions whose entropy is below 1 nat, a share of the entropy.
+    Random actions reach -.15 to .1, recorded data .11 or more."""
     monotony: float = 1 / 3
-    """Share of the nats by which own actions are easier to predict without the state than similar ones, that a score
-    lacks. With 1 or 1/2 experts are last among many who act at random (docs/tried.md)."""
+    """Share of the nats by which own actions are easier to predict without the state than those of others, subtracted
+    from a score. With 1 or 1/2 experts are last among many who act at random (docs/tried.md)."""

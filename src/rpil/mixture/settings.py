@@ -28,13 +28,13 @@ class MixtureSettings:
     """Gain of the objective, in nats a demonstration, at which EM stops; ten times as much where no responsibility
     changes by more than `steady`. Chosen by hand, not tuned."""
     steady: float = 1e-3
-    """Change of a responsibility in one iteration that is taken for none. Chosen by hand, not tuned."""
+    """Change of a responsibility in one iteration that counts as none. Chosen by hand, not tuned."""
     newton_iter: int = 1
     cg_iter: int = 10
     """Newton steps in one M-step of the policy, and iterations of conjugate gradients in each. One step makes it
     generalised EM (Dempster, Laird and Rubin 1977). Chosen by hand, not tuned."""
     single_starts: int = 8
-    """Demonstrations of which each is a start by itself. Chosen by hand, not tuned."""
+    """Single demonstrations that are starts. Chosen by hand, not tuned."""
     start_iter: int = 18
     """EM iterations after which the starts are compared. Chosen by hand, not tuned."""
 

@@ -182,8 +182,8 @@ def sentence_of(audit: Judged) -> str:
 
 
 def question(audit: Judged) -> str | None:
-    """The question whose answer would say most, "which is better?", and where to look, the worst stretch of each; None
-    after an answer, and where all scores are the same."""
+    """The question "which is better?" whose answer would say most, with the worst stretch of each to look at; None
+    after an answer, or if all scores are the same."""
     if audit.anchor != "none" or audit.answers.count or len(audit.pair) != 2:
         return None
     return f"Which is better: {' or '.join(where_to_look(audit, name) for name in audit.pair)}?"

@@ -36,7 +36,7 @@ __all__ = ["Audit", "Demonstrator", "Interval"]
 class Audit(AuditResult):
     """The result about the demonstrations: M of them, with N steps in all.
 
-    It prints itself in a few lines; `to_frame` has a row for each demonstration, and `plot` the pictures.
+    `print` shows it in a few lines; `to_frame` has a row for each demonstration, and `plot` the pictures.
 
     Attributes
     ----------
@@ -47,69 +47,69 @@ class Audit(AuditResult):
     finding : str
         One of `rpil.inference.findings.FINDINGS`.
     log_odds : (M,) array
-        The score, larger for those that are more like the others, or better by the answers: log P - log(1 - P) with the
-        probability that `vocabulary` names; the sum of the next three.
+        The score, log P - log(1 - P) with the probability that `vocabulary` names: larger for demonstrations that are
+        more like the others, or better by the answers. It is the sum of the next three.
     from_actions, from_demonstrator, from_label : (M,) arrays
-        Parts of it: from its own actions, from the other demonstrations of its demonstrator, and from its label.
+        Parts of the score: from its own actions, from the other demonstrations of its demonstrator, from its label.
     expert_proba : (M,) array
-        The probability that `vocabulary` explains: ``sigmoid(log_odds)`` where a demonstration has a verdict or an
-        adversary was named; where it is open, this within the limits of verdicts, or 0.5 where the finding gives none.
+        The probability that `vocabulary` explains: ``sigmoid(log_odds)`` with a verdict or a named adversary. For an
+        open demonstration it stays within the limits of verdicts, or is 0.5 if the finding gives no verdicts.
     reliability : (M,) array
         Share of the steps of the demonstration whose actions the policy explains better than their frequencies do.
     verdicts : tuple of str
-        The upper and the lower one of `vocabulary`, or "open" where the data do not decide.
+        The upper or the lower word of `vocabulary`, or "open" if the data do not decide.
     step_log_ratio : (N,) array
         ``log pi(a|s) - log psi(a|s)`` of each step, in nats.
     step_weight : (N,) array
         Weight of each step for training a policy (`rpil.results.step_weights`).
     prior : Interval
-        Share of the demonstrations of the upper group of the scores, or of the good ones or experts.
+        Share of the upper group of the scores, or of the good demonstrations or experts.
     identifiable : bool
-        Whether no two groups wait for answers that say which one is good.
+        False if two groups wait for an answer that says which one is good.
     competing : tuple of tuple of ids
         These two groups.
     pair : tuple of ids
-        Two demonstrations of which the answer to "which is better?" would say most; empty where there are none.
+        Two demonstrations to compare: the answer to "which is better?" would say most; empty if there are none.
     adversary : str
         Name of the adversary of the mixture, or of the reference of the judge.
     method, notes, doubts : tuple of str
-        How the audit judged, what else a user should know, and what speaks against verdicts by the answers; one
-        sentence each.
+        Sentences: how the audit judged, what else a user should know, and what speaks against verdicts by the
+        answers.
     demonstrators : tuple of Demonstrator
-        With answers the most trusted first, and without answers no trust; empty where demonstrators were not given.
+        With answers the most trusted first, without answers no trust; empty if demonstrators were not given.
     answers : Answers
         The labels, pairs and outcomes that were given.
     contradicting : tuple of ids
         Demonstrations whose label contradicts the other answers.
     columns : (M, D) array
-        What answers learn from, see `rpil.inference.answered`; (M, 0) where there is none.
+        Numbers that answers learn from, see `rpil.inference.answered`; (M, 0) if there are none.
     claimed : (M,) int array
-        What was said without answers: -1 outlier, else 0. It stays until answers contrast.
+        The claim without answers: -1 outlier, else 0. It stays until answers contrast.
     part : (M,) array
-        1 and -1 in the two parts of the demonstrations, of which the learner trusts the first; 1/2 and -1/2 where only
-        answers can tell these apart; else 0 (`rpil.inference.two_parts`).
+        1 in the part that the learner trusts, -1 in the other part; 1/2 and -1/2 if only answers can tell which part to
+        trust; else 0 (`rpil.inference.two_parts`).
     copy_of : (M,) int array
         Index of the first of the copies of each demonstration, which may be itself.
     deviations, own_reasons, rejected_by : tuple of str
-        What each demonstration does in its worst steps, against what others do there (`rpil.results.evidence`); its
-        reason, where that compares with others than those of the audit; and the rule of
+        How each demonstration acts in its worst steps, and how others act there (`rpil.results.evidence`); its reason,
+        if that compares it with demonstrations outside the audit; and the rule of
         `rpil.results.choice.KEEP_RULES` that rejects it. Each may be "", or the tuple empty.
     anchor : {"none", "answers", "named adversary"}
-        What says who is good; see `rpil.results.vocabulary`.
+        The evidence of who is good; see `rpil.results.vocabulary`.
     sessions : tuple of str
-        The session of each demonstration; empty where none are known.
+        The session of each demonstration; empty if none are known.
     order : (M,) array or None
-        The place of each demonstration in the order in which they were made, where that is stated.
+        The place of each demonstration in the order of recording, if that is stated.
     taken_over : (N,) array or None
-        1 in steps in which a person had taken over, -1 in those just before, else 0; None where no column says it.
+        1 in steps in which a person had taken over, -1 in the steps just before, else 0; None if no column says so.
     settings : AuditSettings
-        Those by which verdicts and weights were given.
+        Settings by which verdicts and weights were given.
     fps : float or None
-        Steps a second, where they are known: then sentences name seconds.
+        Steps a second, if they are known: then sentences name seconds.
     within : str
-        "tasks", "sessions" or both where demonstrations were judged within these, each by itself; else empty.
+        "tasks", "sessions" or both, if each of these was judged by itself; else empty.
     provenance : Provenance or None
-        How the audit was made, before any answers through `answered`: of `rpil.audit` and the commands.
+        How `rpil.audit` or a command made the audit, before any answers through `answered`.
     """
 
     @property
@@ -121,7 +121,7 @@ class Audit(AuditResult):
 
     @property
     def choice(self) -> Choice:
-        """Which demonstrations ``rpil keep`` keeps, ``choice.kept``, and which it rejects by each rule,
+        """The ids that ``rpil keep`` keeps, ``choice.kept``, and those that it rejects by each rule,
         ``choice.rejected``."""
         from rpil.results.choice import choose
 
@@ -130,8 +130,8 @@ class Audit(AuditResult):
     def ranges(
         self, dropped: ArrayLike | None = None, kept: Iterable[Hashable] | None = None
     ) -> dict[Hashable, list[tuple[int, int]]]:
-        """Half-open ranges of rows to keep, of the demonstrations `kept`, by default those of `choice`: all rows but
-        those that an answer calls bad, and the `dropped` ones, such as ``rpil.idle_rows(demonstrations)``."""
+        """Half-open ranges of the rows to keep in the demonstrations `kept`, by default those of `choice`. Rows that an
+        answer calls bad, and `dropped` rows such as ``rpil.idle_rows(demonstrations)``, are not in them."""
         rows = ~self.answers.bad_rows(self.offsets)
         if dropped is not None:
             if np.shape(dropped) != rows.shape or np.asarray(dropped).dtype != bool:
@@ -143,8 +143,8 @@ class Audit(AuditResult):
     def segments(
         self, demonstrations: Demonstrations | Dataset, tasks: Mapping[str, str] = MappingProxyType({})
     ) -> Segments:
-        """Where in its `demonstrations` something is: acts, idle rows, takeovers, with scores and reasons; each among
-        those of the same task, by ids as text."""
+        """Segments of its `demonstrations`: acts, idle rows, takeovers, with scores and reasons. Each is compared with
+        those of the same task, given by ids as text."""
         from rpil.segments.find import find_segments
         from rpil.segments.kinds import joined
 
@@ -183,7 +183,7 @@ class Audit(AuditResult):
     def to_html(self, path: StrPath, title: str = TITLE) -> None:
         """Write the report of ``rpil audit --report`` to a file: one page, which needs no network.
 
-        It tells nothing of recording faults, which an audit does not know.
+        The report has no recording faults, because an audit does not know them.
 
         Raises
         ------

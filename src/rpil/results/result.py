@@ -51,13 +51,13 @@ class AuditResult(Judged):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The label of each demonstration, which is that of its copies too."""
+        """The label of each demonstration; copies share theirs."""
         texts = {1: "good", 0: "", -1: "bad"}
         return tuple(texts[label] for label in self.answers.shared(self.copy_of).labels.tolist())
 
     @property
     def said(self) -> tuple[str, ...]:
-        """Answers about each demonstration beside a label: how it failed, or than which other one it is worse."""
+        """Answers about each demonstration besides its label: how it failed, or which other one is better."""
         first, failed = self.copy_of.tolist(), [rule == "outcome" for rule in self.rejected_by]
         worse = {first[m]: f"{WORSE}{self.ids[better]}" for better, m in self.answers.pairs.tolist()}
         how = [self.answers.failure if is_failed else "" for is_failed in failed] or [""] * len(first)
@@ -111,16 +111,16 @@ class AuditResult(Judged):
         pairs: Collection[tuple[Id, Id]] = (),
         instead: bool = False,
     ) -> Self:
-        """The same audit with these answers beside those that it has; no policy is fitted again.
+        """Add answers to those of the audit, and return the new audit; no policy is fitted again.
 
         Parameters
         ----------
         labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}
-            Of (id, start, end) it is about rows, the first and the one after the last, which are good or bad.
+            A key (id, start, end) is about rows, from the first to the one before `end`: good or bad.
         pairs : sequence of (id, id), or mapping of them to {"better than", "same as"}
-            The better and the worse of two demonstrations, or what the first is to the second.
+            The better and the worse of two demonstrations, or a word for what the first is to the second.
         instead : bool
-            Whether they take the place of the labels and pairs that it has.
+            Whether these answers replace the labels and pairs that the audit has.
 
         Raises
         ------
@@ -137,7 +137,7 @@ class AuditResult(Judged):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """How it was judged, the finding, the meaning of the probability, and what it is learned from."""
+        """Sentences: how it was judged, the finding, what the probability means, and from what it is learned."""
         by_answers = self.anchor == "answers"
         return (
             *self.method,

@@ -39,10 +39,10 @@ _WORKER_TIMEOUT = 60.0
 
 
 class DaskEngine:
-    """Passes run by the workers of a cluster, which keep the data; the results are those in memory, up to rounding.
+    """Run the passes on the workers of a cluster, which keep the data; results equal those in memory, up to rounding.
 
-    Workers need this package and memory for all data together; each gets one BLAS thread. The shards of a worker that
-    dies are read, or sent, again; so the scheduler keeps data that are in memory. Workers must find the copy of a
+    Workers need this package and memory for all data together; each gets one BLAS thread. If a worker dies, others read
+    its shards again, or get them again from the scheduler, which keeps data in memory. Workers must find the copy of a
     `Dataset` under the same path as this process.
 
     Parameters

@@ -30,9 +30,9 @@ def idle_rows(demonstrations: Demonstrations | Dataset, rule: Literal["rest", "o
     demonstrations : Demonstrations or Dataset
         With discrete actions no row is idle.
     rule : {"rest", "openpi"}
-        By "rest", states and actions stay the same, but for noise, for 7 rows or more, and not while a gripper closes.
-        By "openpi", those that its script for DROID leaves out: 7 or more in a row whose actions, but for those called
-        gripper, differ by less than .001 from the row before; less than 16 rows between; and 10 before each.
+        "rest": states and actions stay the same, but for noise, for 7 rows or more, and not while a gripper closes.
+        "openpi": the rows that its script for DROID leaves out: 7 or more in a row whose actions, but for those called
+        gripper, differ by less than .001 from the row before; fewer than 16 rows between these; and 10 before each.
     """
     if rule not in ("rest", "openpi"):
         raise DataError(f"No rule of idle rows is called {rule!r}; choose rest or openpi.")

@@ -93,7 +93,7 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
 
     The good episodes depend on neither `kind` nor `n_bad`, and for every kind but "random" the same episodes are
     corrupted: results for two kinds with one seed differ by the kind alone. Good and bad are in random order, because
-    data in order of quality would answer what is asked of them; the good among themselves keep their order.
+    data sorted by quality would give the answer away; the good ones keep their own order.
 
     Parameters
     ----------

@@ -101,7 +101,7 @@ class Review:
             raise DataError("This answers no question about a demonstration, or about two; reload the page.")
         note = given.get("note", "")
         if not isinstance(note, str) or len(note) > MAX_NOTE:
-            raise DataError(f"A note is no text of {MAX_NOTE} characters at most; shorten it.")
+            raise DataError(f"A note has {MAX_NOTE} characters at most; shorten it.")
         if note.strip():
             check_name(note.strip(), "the note", "the answer")
         rows = given.get("rows", [])
@@ -171,7 +171,7 @@ def _changed(review: Review, change: PageChange, body: bytes) -> tuple[View, int
     except (ValueError, RecursionError):
         given = None
     if not isinstance(given, dict):
-        return {"error": "What is posted is no object of JSON."}, 400
+        return {"error": "The request is no JSON object."}, 400
     with review.lock:
         seen = given.get("version")
         if type(seen) is not int or seen != review.session.version:

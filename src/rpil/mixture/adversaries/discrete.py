@@ -109,7 +109,7 @@ class Confusion(Adversary):
 
     @classmethod
     def given(cls, matrix: ArrayLike) -> Confusion:
-        """A known confusion matrix: row j says how often each action is taken where j is intended.
+        """Take a known confusion matrix: row j says how often each action is taken if j is intended.
 
         Raises
         ------
