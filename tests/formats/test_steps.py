@@ -17,7 +17,7 @@ import pytest
 
 from rpil import Dataset, formats
 from rpil.data.errors import DataError
-from rpil.formats import read_recording, steps
+from rpil.formats import read_recording, registry, steps
 from rpil.formats.columns import ColumnOptions
 from samples import assert_same_on_disk
 
@@ -116,9 +116,24 @@ def test_what_takes_too_much_memory_goes_to_disk(tmp_path, caplog):
     assert not caplog.messages
     little = ColumnOptions(memory="50kB")
     assert isinstance(read_recording(tmp_path / "a.csv", little, on_disk=None).demonstrations, Dataset)
-    assert caplog.messages[0].startswith(f"{tmp_path / 'a.csv'}: larger than the memory it may take, so copied to /")
+    assert caplog.messages[0].startswith(f"{tmp_path / 'a.csv'}: large, so read from a copy on disk, in /")
     with pytest.raises(DataError, match="of memory, more than"):
         formats.read(tmp_path / "a.csv", memory="50kB")
+
+
+def test_large_data_stay_on_disk_though_memory_is_free(tmp_path, monkeypatch):
+    (tmp_path / "a.csv").write_text(table(["a"] * 400 + ["b"] * 400, [0, 1] * 400))
+    monkeypatch.setattr(registry, "IN_MEMORY", 50_000)
+    assert isinstance(formats.open(tmp_path / "a.csv").demonstrations, Dataset)
+    assert not isinstance(formats.open(tmp_path / "a.csv", memory="1GB").demonstrations, Dataset)
+    assert len(formats.read(tmp_path / "a.csv")) == 2
+
+
+def test_some_columns_of_a_batch_are_not_copied_into_memory():
+    file = steps.ArrowFile.of(iter([pa.table({name: np.arange(70_000.0) for name in "xyz"})]), "made")
+    before = pa.total_allocated_bytes()
+    batch = file.batch(0, ["y"])
+    assert pa.total_allocated_bytes() - before < batch.nbytes / 2
 
 
 def test_a_full_disk_is_said(tmp_path, monkeypatch):

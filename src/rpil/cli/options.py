@@ -139,7 +139,7 @@ COLUMN_OPTIONS = (
     click.option(
         "--memory",
         metavar="SIZE",
-        help="Memory that data may take, such as 4GB; by default half of the free memory. Larger data stay on disk.",
+        help="Memory for data, such as 4GB; by default half of what is free, at most 512MB. Larger data stay on disk.",
     ),
 )
 FIT_OPTIONS = (

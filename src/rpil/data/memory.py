@@ -16,6 +16,9 @@ Size = str | float
 FREE_SHARE = 0.5
 """Share of the free memory that data may take where no size was given."""
 
+IN_MEMORY = 512_000_000
+"""Bytes that data may take where they may as well stay on disk, which takes as long."""
+
 BYTES_PER_NUMBER = 16
 """In tables: a number as it is read, and as it is kept."""
 

@@ -140,7 +140,7 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
         A file or folder of any known format, or a data frame.
     on_disk : bool, optional
         Leave the demonstrations on disk, as a `Dataset` (a copy in a temporary folder), or read them into memory; by
-        default data that take more than `memory` stay on disk.
+        default data stay on disk if they take more than `memory`, which is then at most 512 MB by default.
     **columns
         As for `rpil.read`, and ``operator``, ``task``, ``session``, ``outcome``: see `ColumnOptions`.
 

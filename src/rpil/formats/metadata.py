@@ -26,7 +26,7 @@ from rpil.data.text import counted
 from rpil.formats.columns import LENGTH, Columns
 from rpil.formats.parquet_file import read_table
 from rpil.formats.steps import Steps
-from rpil.formats.table import encoded, numbers_or_missing, order_values
+from rpil.formats.table import encoded, first_rows, numbers_or_missing, order_values
 from rpil.numerics.types import Array, Float
 
 MAX_NAMES = 20
@@ -109,11 +109,10 @@ def pairs_of(steps: Steps, name: str | None) -> list[tuple[str, object]]:
     if name is None:
         return []
     values, codes = encoded(steps.read([name])[name])
-    each = np.repeat(np.arange(len(steps.ids)), np.diff(steps.offsets))
-    _, first = np.unique(each * (len(values) + 1) + codes, return_index=True)
+    each = np.repeat(np.arange(len(steps.ids), dtype=np.int32), np.diff(steps.offsets))
+    rows = first_rows(each, codes)
     values = [int(v) if isinstance(v, float) and are_whole(np.array([v])) else v for v in values] + [None]
-    owners = each[np.sort(first)]
-    return [(str(steps.ids[m]), values[codes[row]]) for m, row in zip(owners.tolist(), np.sort(first), strict=True)]
+    return [(str(steps.ids[m]), values[k]) for m, k in zip(each[rows].tolist(), codes[rows].tolist(), strict=True)]
 
 
 def different(pairs: Iterable[tuple[str, object]], names: Mapping[str, str] | None = None) -> tuple[str, ...]:

@@ -136,15 +136,12 @@ def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: str | 
     They are one where a column gives the order of its rows, unless they lie together only by a second column.
     """
     for name in columns.parts:
-        n_ids = len(np.unique(group))
-        codes = flat.encoded(table[name])[1]
-        pair = group.astype(np.int64) * (len(codes) + 1) + codes
-        pairs, first = np.unique(pair, return_index=True)
-        n_runs, n_runs_of_ids = (1 + np.count_nonzero(np.diff(numbers)) for numbers in (pair, group))
-        together = n_runs == len(pairs) and n_runs_of_ids > n_ids
-        if n_ids < len(pairs) <= len(group) / 2 and (order is None or together):
-            rows = np.sort(first)
-            row = int(rows[np.flatnonzero(np.isin(rows, np.unique(group, return_index=True)[1], invert=True))[0]])
+        codes, changes = flat.encoded(table[name])[1], group[1:] != group[:-1]
+        rows, ids = flat.first_rows(group, codes), flat.first_rows(group, group)
+        n_runs, n_runs_of_ids = (1 + np.count_nonzero(each) for each in (changes | (codes[1:] != codes[:-1]), changes))
+        together = n_runs == len(rows) and n_runs_of_ids > len(ids)
+        if len(ids) < len(rows) <= len(group) / 2 and (order is None or together):
+            row = int(rows[~np.isin(rows, ids)][0])
             raise DataError(
                 f"{at(row)}: column {name!r} changes within this demonstration; write a column of ids that no two "
                 f"demonstrations share, or, if {columns.episode!r} is one, say so with <option>.",

@@ -28,7 +28,7 @@ from rpil.data.files import (
 )
 from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
-from rpil.data.memory import TooLargeError, check_memory
+from rpil.data.memory import FREE_SHARE, IN_MEMORY, TooLargeError, check_memory, free_memory
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, StepTables, called, from_arrow
@@ -99,12 +99,11 @@ class ClaimedPath:
     def read(self, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False) -> Recording:
         """The recording; see `rpil.formats.read_recording`."""
         if on_disk is None:
+            most = options.memory or min(IN_MEMORY, FREE_SHARE * free_memory())
             with suppress(TooLargeError):
-                return self.read(options, on_disk=False)
+                return self.read(replace(options, memory=most), on_disk=False)
             folder = tempfile.gettempdir()
-            logging.getLogger("rpil").warning(
-                "%s: larger than the memory it may take, so copied to %s.", self.path, folder
-            )
+            logging.getLogger("rpil").warning("%s: large, so read from a copy on disk, in %s.", self.path, folder)
             return self.read(options, on_disk=True)
         with guarded(str(self.path)):
             place, options = Path(self.path), replace(options, on_disk=on_disk)

@@ -197,6 +197,13 @@ def encoded_texts(column: pa.ChunkedArray, name: str, at: Place) -> tuple[list[s
     return texts, rows
 
 
+def first_rows(group: Array, codes: Array) -> Array:
+    """The first row of each different pair of two whole numbers (N,), in the order of the rows."""
+    heads = np.append(0, 1 + np.flatnonzero((group[1:] != group[:-1]) | (codes[1:] != codes[:-1])))
+    pairs = group[heads].astype(np.int64) * (len(codes) + 1) + codes[heads]
+    return heads[np.sort(np.unique(pairs, return_index=True)[1])]
+
+
 def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Array]:
     """The different ids in a column, and the number (N,) of that of each row.
 
