@@ -10,7 +10,6 @@ from scipy.optimize import approx_fprime
 from sklearn.linear_model import LogisticRegression, Ridge
 from sklearn.metrics import roc_auc_score
 
-import peers
 from contestants import CONTESTANTS
 from contestants.ileed import ileed_loss, ileed_shapes
 from problems import make, make_continuous
@@ -82,17 +81,3 @@ def test_ileeds_gradient():
     _, gradient = ileed_loss(point, problem, ridge)
     numeric = approx_fprime(point, lambda x: ileed_loss(x, problem, ridge)[0], 1e-7)
     np.testing.assert_allclose(gradient, numeric, rtol=1e-4, atol=1e-4)
-
-
-def test_the_table_compares_on_the_same_sets():
-    values = {"rpil": (0.9, 0.5), "ILEED": (0.8, None), "length": (0.2, 0.9)}
-    rows = [
-        {"set": name, "method": method, "auroc": found[k]}
-        for k, name in enumerate(("discrete", "continuous"))
-        for method, found in values.items()
-    ]
-    page = peers.markdown({"rows": rows})
-    assert "| rpil | 0.700 | 2 |  | 0 |" in page
-    assert "| ILEED | 0.800 | 1 |  | 0 |" in page
-    assert "| length | 0.550 | 2 | -0.150 ± 0.550 | 1 |" in page
-    assert "| continuous | 0.50 | – | 0.90 |" in page

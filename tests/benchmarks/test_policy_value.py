@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import json
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,10 +11,10 @@ import pytest
 
 import policy_value
 from rpil.data.demonstrations import Demonstrations
-from value import cells, pushing, report
+from value import cells, report
 from value.information import information
 from value.rules import ALL, ORACLE, RULES, Judged, told, weights_of
-from value.worlds import DISC_TASKS, OLDER_TASKS, TASKS, family, make_world
+from value.worlds import make_world
 
 MISSING = [name for name in ("torch", "gymnasium") if importlib.util.find_spec(name) is None]
 needs_extra = pytest.mark.skipif(bool(MISSING), reason=f"pip install 'rpil[value]': {' and '.join(MISSING)} missing")
@@ -45,16 +44,6 @@ def test_a_rule_is_told_no_more_than_it_says_and_weights_are_those_by_hand(car):
     np.testing.assert_array_equal(kept[ORACLE], np.repeat(world.is_good, lengths))
     best = np.argsort(-car.judged.audit.log_odds, kind="stable")[:5]
     np.testing.assert_array_equal(kept["best 40 %"], np.repeat(np.isin(np.arange(12), best), lengths))
-
-
-def test_idle_heads_and_tails_are_cut():
-    """The state rests and the action is still the first, or already the last; a pause in between stays."""
-    moves = np.array([0, 0, 0, 1, 2, 2, 3, 3, 3.0])
-    acts = np.array([0, 0, 1, 1, 0, 1, 2, 0, 0.0])
-    busy = np.arange(9.0)
-    demonstrations = Demonstrations.from_episodes([(moves[:, None], acts[:, None]), (busy[:, None], np.ones((9, 1)))])
-    weight = RULES["trimmed"].weights(told(RULES["trimmed"], None, Judged(demonstrations), 0))
-    np.testing.assert_array_equal(weight, [0, 0, 1, 1, 1, 1, 1, 0, 0, *np.ones(9)])
 
 
 @pytest.mark.parametrize("discrete", [False, True])
@@ -90,54 +79,6 @@ def test_the_report_pairs_tasks_and_seeds():
     assert [report.p_lower(np.full(3, value)) for value in (-0.5, 0.0, 0.5)] == [0.0, 1.0, 1.0]
 
 
-def test_losses_are_counted_and_named():
-    """`keep` loses everywhere on one task, less on another with too few seeds; the oracle is not asked."""
-    rows = [cell(ALL, 0.9, seed) for seed in range(3)] + [cell(ALL, 0.5, seed, "push") for seed in range(2)]
-    rows += [cell(name, 0.3 + 0.01 * seed, seed) for seed in range(3) for name in ("keep", ORACLE)]
-    rows += [cell("keep", 0.4, seed, "push") for seed in range(2)] + [cell("best 60 %", 0.95, s) for s in range(3)]
-    lines = report.never_hurts(rows).splitlines()
-    assert "| keep | reach -59.0 ± 0.6, push -10.0 ± 0.0 | 1 | 1 |" in lines
-    assert "| best 60 % | none | 1 | 0 |" in lines
-    assert not any(line.startswith(("| oracle", "| all")) for line in lines)
-
-
-def test_a_line_that_was_cut_off_swallows_no_cell(tmp_path, monkeypatch):
-    def added(out, worlds, cells):
-        with out.open("a") as file:
-            file.write(json.dumps(cells[0]) + "\n")
-
-    monkeypatch.setattr(policy_value, "finish", added)
-    out = tmp_path / "value.jsonl"
-    out.write_text(json.dumps(cell(ALL, 0.5)) + "\n" + '{"seed": 1, "n"')
-    policy_value.run([[cell(ALL, 0.7, 1)]], out, 1)
-    assert [row["seed"] for row in policy_value.read(out)] == [0, 1]
-
-
-@pytest.mark.parametrize("task", DISC_TASKS)
-def test_a_mixture_has_its_share_of_others(task):
-    """Recorded careless episodes succeed, though most careless episodes do not; a second way is good."""
-    mixture = pushing.MIXTURES[task.removeprefix("disc ")]
-    world = make_world(task, 24, 0.25, 3)
-    others = np.isin(world.kinds, mixture.others)
-    assert family(task) == "disc"
-    assert others.sum() == 6
-    assert set(np.array(world.kinds)[~others]) == set(mixture.usual)
-    np.testing.assert_array_equal(world.is_good, ~others | (task == "disc second way"))
-    for m, kind in enumerate(world.kinds):
-        assert world.success[m] or not pushing.DRIVERS[kind].must_succeed
-    again = make_world(task, 24, 0.25, 3)
-    np.testing.assert_array_equal(again.demonstrations.actions, world.demonstrations.actions)
-
-
-def test_weights_that_are_equal_but_for_rounding_share_a_policy(monkeypatch):
-    world = make_world("disc slow", 4, 0.5, 0)
-    n_steps = world.demonstrations.n_steps
-    nearly = SimpleNamespace(step_weight=0.3 + 1e-15 * np.arange(n_steps))
-    judged = Judged(world.demonstrations)
-    monkeypatch.setitem(vars(judged), "audit", nearly)
-    np.testing.assert_array_equal(weights_of(RULES["step weights"], world, judged, 0), np.ones(n_steps))
-
-
 def rows_of(rule, values, share=0.5):
     of = {"n": 400, "share": share, "task": "disc careless", "learner": "network"}
     return [cell(rule, value, seed, **of) for seed, value in enumerate(values)]
@@ -163,30 +104,6 @@ def test_the_worst_cell_has_the_lowest_lower_end():
         "| disc careless, 400, 90% | 80.0 | -10.0 ± 24.8 |",
         "| mean | 80.0 | -15.0 |",
     ]
-
-
-def test_a_preset_fixes_values_and_gives_way_to_what_is_given():
-    options = policy_value.parse(["--preset", "disc", "--seeds", "7", "--out", "x.jsonl"])
-    cell = policy_value.left(options, [])[0][0]
-    assert options.seeds == [7]
-    assert options.tasks == list(DISC_TASKS)
-    assert (cell["n"], cell["episodes"], cell["steps"]) == (400, 1000, 1000)
-    older = policy_value.parse(["--out", "x.jsonl"])
-    assert (older.tasks, older.episodes) == (list(OLDER_TASKS), 25)
-    assert policy_value.left(older, [])[0][0]["steps"] == 2000
-    assert {task for preset in policy_value.PRESETS.values() for task in preset["tasks"]} <= {*TASKS}
-
-
-def test_steps_that_are_drawn_follow_their_weights():
-    """Two laws, of which one has nine times the weight: the constant that is learned lies at their mean."""
-    pytest.importorskip("torch", reason="pip install 'rpil[value]': torch is missing")
-    from value.learners import DISC_TRAINING, drawn_network
-
-    states = np.random.default_rng(0).normal(size=(10, 50, 2))
-    law = np.repeat([1.0, -1.0], 5)[:, None, None] * np.ones((10, 50, 1))
-    data = Demonstrations.from_episodes(list(zip(states, law, strict=True)))
-    policy = drawn_network(data, np.repeat([0.9, 0.1], 250), 0, replace(DISC_TRAINING, steps=200))
-    assert policy.predict(np.zeros((1, 2)))[0, 0] == pytest.approx(0.8, abs=0.25)
 
 
 @pytest.mark.slow

@@ -78,20 +78,6 @@ def test_finished_figures_of_the_same_commit_are_not_made_again(made, capsys):
     assert "## claims" not in out
 
 
-def test_a_quick_run_leaves_page_and_figures_alone(made, capsys):
-    """And its figures are no full ones, wherever they lie."""
-    results.main(made.options)
-    page, figures = made.page.read_text(), (made.folder / "claims.json").read_text()
-    capsys.readouterr()
-    assert results.main([*made.options, "--quick"]) == 0
-    assert len(made.ran) == 4
-    assert "## claims\n\nfigure 3" in capsys.readouterr().out
-    assert (made.page.read_text(), (made.folder / "claims.json").read_text()) == (page, figures)
-    (made.folder / "quick" / "claims.json").replace(made.folder / "claims.json")
-    results.main(made.options)
-    assert [name for name, _ in made.ran[4:]] == ["claims"]
-
-
 def policy(mean: float, **more: object) -> dict:
     paper_way = {"mean": mean + 1, "half_width": 3.0}
     return {"mean": mean, "half_width": 2.0, "worst": mean - 9, "paper_way": paper_way} | more

@@ -12,11 +12,9 @@ import numpy as np
 import pytest
 
 import ablations
-import claims
 import ranking
 import soak
 import speed
-from rpil import Demonstrations, formats, simulate
 
 pytestmark = pytest.mark.slow
 ARGUMENTS = {
@@ -59,25 +57,6 @@ def test_answers(written):
     assert figures["8 random labels: AUROC of the rest"].startswith("1.000")
     assert figures["quick: the pair holds one good and one bad"] == "2 of 2"
     assert figures["one wrong answer alone: verdicts of the others"] == "0"
-
-
-def test_kinds_of_recorded_sets(tmp_path):
-    """Of a set of five named people, two of them good: audits of each kind, and of the people named."""
-    made = simulate("MountainCar-v0", "noisy", n_good=8, n_bad=12, seed=0)
-    order = np.argsort(-made.is_good, kind="stable")
-    episodes = [made.episodes[m] for m in order]
-    people = {"is_good": made.is_good[order], "episode_quality": made.is_good[order].astype(float)}
-    people["demonstrator_ids"] = np.repeat(np.arange(5), 4)
-    formats.write(tmp_path / "car.npz", Demonstrations.from_episodes(episodes), people)
-    kinds = ["recorded", "half", "people"]
-    jobs = [job for job in claims.jobs(tmp_path, 0, 0) if job.kind in kinds]
-    assert [job.kind for job in jobs] == ["recorded", "half", "people", "people"]
-    rows = {(job.kind, job.name): claims.audited(job) for job in jobs}
-    assert len(rows["half", "car"]["good"]) == 8
-    without, named = rows["people", "not named: car"], rows["people", "named: car"]
-    assert named["log_odds"] == without["log_odds"] == rows["recorded", "car"]["log_odds"]
-    assert named["verdicts"] == without["verdicts"]
-    assert "| operators named | 1 |" in "\n".join(claims.report(list(rows.values())))
 
 
 def test_peers(written):

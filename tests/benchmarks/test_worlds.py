@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 import rpil
-from rpil.data.errors import DataError
 from worlds import recorded
-from worlds.point_mass import point_mass
-from worlds.recorded import npz_files, read, recorded_sets
+from worlds.recorded import read
 from worlds.sequences import KINDS
 
 
@@ -46,15 +44,6 @@ def test_steps_come_in_the_order_of_their_demonstrations(tmp_path):
     assert (half.quality.tolist(), half.people) == ([0.4, 0.3], ("1", "2"))
 
 
-def test_sets_with_good_and_bad_ones(tmp_path):
-    save(tmp_path, "both")
-    save(tmp_path, "all_good", is_good=np.ones(4))
-    save(tmp_path, "no_truth", leave_out=("is_good",))
-    assert [path.stem for path in recorded_sets(tmp_path)] == ["both"]
-    with pytest.raises(DataError, match=r"no file other\.npz; found all_good, both, no_truth"):
-        npz_files(tmp_path, ["other"])
-
-
 def test_changes_by_hand():
     states, ids, rng = np.arange(12.0).reshape(6, 2), np.array([0, 0, 1, 2, 2, 2]), np.random.default_rng(0)
     actions = np.arange(6)
@@ -69,15 +58,6 @@ def test_changes_by_hand():
     copied, _, again = recorded.copied(states, actions, ids, rng)
     assert again.tolist() == [*ids, *range(4, 34, 3)]  # 1 by the number of demonstrations, 3
     assert (copied[6:] == states[2]).all()
-
-
-@pytest.mark.parametrize("discrete", [False, True])
-def test_worlds_of_a_point_mass(discrete):
-    bad, again = (point_mass("stuck", discrete, (20, 3), 0) for _ in range(2))
-    assert (bad.is_good == 0).sum() == 3
-    np.testing.assert_array_equal(bad.demonstrations.actions, again.demonstrations.actions)
-    assert bad.demonstrations.is_discrete == discrete
-    assert all(point_mass(kind, discrete, (20, 3), 0).is_good.all() for kind in ("sessions", "people"))
 
 
 @pytest.mark.parametrize("name", KINDS)
