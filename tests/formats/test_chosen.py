@@ -136,9 +136,3 @@ def test_what_follows_from_the_steps_follows_those_that_are_read(read):
     x = rows["observation.x"].to_numpy()[:T]
     assert read(rows, only="0").describe().ranges["x"] == (x.min(), x.max())
     assert read(rows, only="0,1", outcome="length").facts.outcomes[0].tolist() == [T, T]
-
-
-def test_a_message_names_the_row_of_the_file(read):
-    rows = table(**{"observation.x": pa.array([None if k == 20 else 1.0 for k in range(N * T)], pa.float64())})
-    with pytest.raises(DataError, match="demonstration 2, row 21"):
-        read(rows, without="1").demonstrations.select(slice(None))

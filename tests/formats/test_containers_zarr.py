@@ -139,14 +139,3 @@ def test_groups_within_groups_texts_and_shards_are_read(tmp_path, zarr_format):
     assert recording.description.observations == ("force",)
     np.testing.assert_array_equal(recording.demonstrations.observations, np.arange(11.0)[:, None])
     assert recording.tasks == {"0": "lift", "1": "push", "2": "lift"}
-
-
-def test_umi_has_no_action_and_one_is_named(tmp_path):
-    root = zarr.create_group(tmp_path / "umi.zarr", zarr_format=2)
-    root.create_array("data/robot0_eef_pos", data=np.arange(33.0).reshape(11, 3))
-    root.create_array("data/robot0_gripper_width", data=np.arange(11.0)[:, None])
-    root.create_array("meta/episode_ends", data=ENDS)
-    with pytest.raises(DataError, match=r"umi\.zarr: .*action"):
-        rpil.read(tmp_path / "umi.zarr")
-    found = rpil.read(tmp_path / "umi.zarr", action="robot0_eef_pos", observations="robot0_gripper_width")
-    np.testing.assert_array_equal(found.actions, np.arange(33.0).reshape(11, 3))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from itertools import chain
 
 import numpy as np
@@ -11,8 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import rpil
-from problems import refused
-from recorded import demonstrations, write_files, written
+from recorded import demonstrations, write_files
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
@@ -86,15 +84,6 @@ def test_files_with_other_columns_or_of_another_kind_are_refused(tmp_path):
         rpil.open(tmp_path / "empty", on_disk=True)
 
 
-def test_a_shard_can_be_pickled(tmp_path):
-    data = rpil.open(written(tmp_path), on_disk=True, without=5).demonstrations  # whose rows have other numbers
-    shard = data.shards(4, BLOCK_STEPS)[2]
-    sent = pickle.dumps(shard)
-    assert len(sent) < 4000
-    for ours, theirs in zip(pickle.loads(sent), shard, strict=True):  # noqa: S301
-        np.testing.assert_array_equal(ours.observations, theirs.observations)
-
-
 NUMBERS = np.random.default_rng(0).normal(size=(40, 10))
 EVERY = ("arm.0", "arm.1", "arm.2", "arm.3", "z", "actions.0", "actions.1", "actions.2")
 
@@ -140,21 +129,6 @@ def test_every_name_that_is_printed_can_be_named(tmp_path, options, read, on_dis
     left_out = {name for name in EVERY if name not in read and "." in name}
     ignored = {name.removeprefix("observation.") for name in found.describe().ignored}
     assert all(name in ignored or name.split(".")[0] in ignored for name in left_out)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"exclude": "arm.9"}, "a.parquet: no column is called 'arm.9'"),
-        ({"observations": "colour"}, "no column is called 'colour'; correct observations"),
-        ({"action": "arms.1"}, "no column is called 'arms.1'; correct action"),
-        ({"exclude": "actions.*"}, "no column holds the action"),
-        ({"exclude": "arm.*,z"}, "no column holds observations"),
-    ],
-)
-def test_names_of_nothing_are_refused(tmp_path, options, message):
-    with refused(message):
-        recorded(tmp_path, False, **options)
 
 
 def test_what_is_missing_in_numbers_that_are_not_read_is_no_fault():

@@ -24,13 +24,6 @@ def write(path, values):
     return path
 
 
-def test_a_list_in_a_step_is_no_demonstration(tmp_path):
-    rows = [{"episode": k // 5, "image": [[1, 2]] * 3, "x": k / 7, "action": [k / 3, 1.0]} for k in range(10)]
-    recording = rpil.open(write(tmp_path / "a.jsonl", rows))
-    assert recording.demonstrations.lengths.tolist() == [5, 5]
-    assert recording.description.ignored == {"image": "images or nested values"}
-
-
 def test_each_file_of_a_folder_is_a_demonstration(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "runs" / "meta").mkdir(parents=True)

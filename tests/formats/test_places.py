@@ -92,11 +92,6 @@ def test_a_time_must_be_known(columns, said):
         rpil.open(rows(**columns), split_gap=1)
 
 
-def test_a_missing_time_ends_nothing():
-    times = pa.array([0.0, 0.1, None, 0.3, 0.4, 9.0, 9.1, 9.2])
-    assert rpil.open(rows(time_s=times), split_gap=1).demonstrations.lengths.tolist() == [5, 3]
-
-
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
 def test_a_stretch_of_a_recording_is_a_demonstration(suffix, tmp_path):
     path = written(episodes(phase=None), suffix, tmp_path)

@@ -62,17 +62,6 @@ def test_description_of_a_data_set_of_lerobot(folder, on_disk):
     json.dumps(said.to_dict())
 
 
-@pytest.mark.parametrize("on_disk", [False, True])
-@pytest.mark.parametrize(("name", "value"), [("fps", "thirty"), ("fps", 10**400), ("fps", -1), ("features", 3)])
-def test_values_of_metadata_that_cannot_be_used_are_left_out(folder, name, value, on_disk):
-    path = folder / "meta" / "info.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {name: value}))
-    said = read_recording(folder, on_disk=on_disk).description
-    assert (said.format, said.tasks) == ("LeRobot v3.0", ("push",))
-    assert (said.fps == 20.0) == (name != "fps")
-    assert ("state.hip.pos" in said.observations) == (name != "features")
-
-
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
 def test_rows_are_sorted_by_their_column_and_weights_find_them(tmp_path, suffix):
     table = TABLE.drop_columns(["observation.image", "observation.state"]).append_column(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import gc
 import os
 import pickle
@@ -104,12 +103,6 @@ def test_copies_are_removed_with_their_rows(tmp_path, monkeypatch):
     assert not list((tmp_path / "temporary").iterdir())
 
 
-def test_small_blocks_open_a_batch_once():
-    file = steps.ArrowFile.of(iter([pa.table({"x": np.arange(21.0)})]), "made")
-    assert file.batch(1, ["x"]) is file.batch(1, ["x"])
-    assert file.batch(2, ["x"])["x"].to_pylist() == np.arange(14.0, 21).tolist()
-
-
 def test_what_takes_too_much_memory_goes_to_disk(tmp_path, caplog):
     (tmp_path / "a.csv").write_text(table(["a"] * 400 + ["b"] * 400, [0, 1] * 400))
     assert not isinstance(read_recording(tmp_path / "a.csv", on_disk=None).demonstrations, Dataset)
@@ -119,17 +112,6 @@ def test_what_takes_too_much_memory_goes_to_disk(tmp_path, caplog):
     assert caplog.messages[0].startswith(f"{tmp_path / 'a.csv'}: larger than the memory it may take, so copied to /")
     with pytest.raises(DataError, match="of memory, more than"):
         formats.read(tmp_path / "a.csv", memory="50kB")
-
-
-def test_a_full_disk_is_said(tmp_path, monkeypatch):
-    (tmp_path / "a.csv").write_text(table(["a"] * 9, [0, 1, 1] * 3))
-
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(pa.ipc.RecordBatchFileWriter, "write_batch", full)
-    with pytest.raises(DataError, match=r"a\.csv: a copy of its rows cannot be written .*No space left.*set TMPDIR"):
-        read_recording(tmp_path / "a.csv", on_disk=True)
 
 
 @pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="only Linux has files without a name")
@@ -165,10 +147,3 @@ def test_rows_all_over_the_file_are_read_from_few_batches(monkeypatch):
     moved = steps.Steps(file, "x").taken(rows)
     assert len(read) <= 40 * 40 / 4
     assert np.array_equal(np.concatenate([one["x"] for _, one, _ in moved.tables(["x"])]), rows / 3)
-
-
-def test_lists_of_another_length_in_a_later_batch_are_refused():
-    lists = [[1.0, float(k), 2.0][: 2 + (k >= 20)] for k in range(40)]
-    rows = pa.table({"episode": np.repeat(range(4), 10), "obs": lists, "action": np.arange(40.0)})
-    with pytest.raises(DataError, match=r"demonstration 2, row 21: column 'obs\.0' has no value"):
-        formats.read(rows)

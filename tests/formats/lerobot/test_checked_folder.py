@@ -51,14 +51,6 @@ def test_an_episode_table_that_does_not_fit_the_data(tmp_path):
     assert found(root) == [("episode table", m) for m in "123"]
 
 
-def test_metadata_that_cannot_be_used_do_not_stop_the_others(tmp_path):
-    root = folders.write(tmp_path / "drive", LENGTHS, "v2.1")
-    change_info(root, chunks_size="many", total_frames=3)
-    assert found(root) == [("totals", "meta/info.json"), ("metadata", "meta")]
-    (root / "meta" / "episodes.jsonl").write_text("{")
-    assert set(found(root)) == {("totals", "meta/info.json"), ("metadata", "meta")}
-
-
 @VERSIONS
 def test_videos_that_are_missing_damaged_or_too_short(tmp_path, version):
     root = folders.write(tmp_path / "drive", LENGTHS, version, ("front", "wrist"))

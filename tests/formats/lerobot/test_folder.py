@@ -8,7 +8,6 @@ import pyarrow.parquet as pq
 import pytest
 
 import lerobot_folders as folders
-from hostile import full_disk
 from lerobot_folders import change_info
 from rpil import formats
 from rpil.data.errors import DataError
@@ -90,15 +89,6 @@ def test_lines_of_json_of_version_2(dataset):
     (dataset / "meta" / "tasks.jsonl").write_text("{}", encoding="utf-16")
     with pytest.raises(DataError, match=r"its tasks cannot be read .*; write them again in UTF-8"):
         formats.read_recording(dataset)
-
-
-@pytest.mark.parametrize("path", ["", "data/chunk-000/file-001.parquet"])
-def test_a_full_disk_is_not_blamed_on_the_data(tmp_path, path):
-    dataset = folders.write(tmp_path / "drive", (2000,) * 4, cameras=(), per_file=2)
-    output = dataset.with_name(f"kept{(dataset / path).suffix}")
-    with full_disk(20_000), pytest.raises(DataError, match=f"{output.name}: it cannot be written"):
-        find(dataset / path).keep(output, [3])
-    assert [file.name for file in dataset.parent.iterdir()] == ["drive"]
 
 
 @pytest.mark.parametrize("place", ["meta/extra", "meta/note.txt", "data/chunk-000/file-002.parquet"])

@@ -43,6 +43,9 @@ def test_frames_of_kept_episodes_are_the_same(tmp_path, version):
         for one, m in zip(new, ids, strict=True):
             assert_same(one, old[m])
         assert len([*output.rglob("*.mp4")]) == 2 * len({m // 3 if version == "v3.0" else m for m in ids})
+        info = json.loads((output / "meta" / "info.json").read_text())
+        assert (info["fps"], info["splits"]) == (folders.FPS, {"train": f"0:{len(ids)}"})
+        assert version == "v3.0" or (info["total_videos"], info["total_chunks"]) == (2 * len(ids), 1)
 
 
 @pytest.mark.parametrize("version", ["v3.0", "v2.1"])
@@ -87,15 +90,6 @@ def test_episodes_within_each_other_are_sorted(tmp_path, monkeypatch):
     monkeypatch.setattr("rpil.formats.parquet.BATCH_ROWS", 5)  # which are not sorted together
     with pytest.raises(DataError, match="within each other"):
         find(root).keep(tmp_path / "other", [0, 1])
-
-
-def test_totals_of_version_2(tmp_path):
-    root = folders.write(tmp_path / "drive", LENGTHS, "v2.1", ("front", "wrist"))
-    find(root).keep(tmp_path / "kept", [2, 5])
-    info = json.loads((tmp_path / "kept" / "meta" / "info.json").read_text())
-    assert (info["total_videos"], info["total_chunks"], info["fps"]) == (4, 1, folders.FPS)
-    assert info["splits"] == {"train": "0:2"}
-    assert len([*(tmp_path / "kept" / "videos").rglob("*.mp4")]) == 4
 
 
 def test_videos_that_are_missing_are_named(tmp_path):

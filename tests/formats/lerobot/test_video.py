@@ -35,13 +35,6 @@ def test_a_list_of_other_files_is_no_video(tmp_path, kind, is_link):
         assert len(use(other)) > 0
 
 
-def test_another_container_under_the_name_is_refused(tmp_path):
-    folders.write_video(tmp_path / "a.mkv", folders.pictures(0, 5), "libx264", {"g": "2"})
-    path = (tmp_path / "a.mkv").rename(tmp_path / "a.mp4")
-    with pytest.raises(DataError, match=r"a\.mp4: it is no video.* MP4 file"):
-        look(path)
-
-
 def test_a_video_whose_table_of_sizes_is_wrong_is_damaged(tmp_path):
     """FFmpeg then says that something is not permitted; the file may be read, and permissions are no remedy."""
     path = tmp_path / "a.mp4"
