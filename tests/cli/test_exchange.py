@@ -153,11 +153,6 @@ def test_sarif_names_the_file_of_a_folder_and_its_row(tmp_path):
     assert place["region"]["startLine"] == 30 + 2 + 1
 
 
-def test_fingerprints_of_equal_places_differ():
-    log = sarif([Numbered("RPIL-204", "meta/stats.json", text) for text in "ab"], "set")
-    assert len(check_sarif(log)) == 2
-
-
 def test_sarif_and_markdown_of_an_audit(folder):
     found = check_sarif(json.loads(ok("audit", folder / "good.parquet", "--format", "sarif", "--quiet").stdout))
     low = {one["ruleId"] for one in found if one["level"] == "note"}

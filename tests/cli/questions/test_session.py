@@ -53,18 +53,6 @@ def rows():
     return Path("labels.csv").read_text().splitlines()
 
 
-def test_every_answer_is_learned_from_and_written_at_once(audit):
-    session = Session(audit, "labels.csv", None, None)
-    assert session.question == audit.pair
-    lines = session.answer(audit.pair, "1")
-    assert rows() == ["id,label", f"{audit.pair[0]},better than {audit.pair[1]}"]
-    assert lines[0] == "Now: 20 open, 4 outliers."
-    assert session.version == len(session.given) == 1
-    answered = audit.answered({}, [audit.pair])
-    assert session.audit.log_odds.tolist() == answered.log_odds.tolist()
-    assert session.question == answered.suggest_labels(1)
-
-
 @pytest.mark.parametrize("name", ["labels.csv", "excel.csv"])
 def test_a_label_replaces_that_of_an_earlier_run(audit, name):
     before = {
