@@ -1,7 +1,5 @@
 import os
 import signal
-import subprocess
-import sys
 from contextlib import suppress
 
 import pytest
@@ -58,14 +56,6 @@ def test_a_replaced_file_keeps_its_permissions_and_a_link_stays_a_link(tmp_path)
     with replacing(new) as temporary:
         temporary.write_text("new")
     assert new.stat().st_mode == usual.stat().st_mode
-
-
-def test_a_killed_process_leaves_nothing_of_that_name(tmp_path):
-    script = "import os, sys; from rpil.data import files\nwith files.replacing(sys.argv[1]) as path:\n"
-    script += "    path.write_text('half'); os.kill(os.getpid(), 9)"
-    subprocess.run([sys.executable, "-c", script, tmp_path / "out"], check=False)
-    assert not (tmp_path / "out").exists()
-    assert all(name.startswith(".") for name in os.listdir(tmp_path))
 
 
 @pytest.mark.parametrize("check", [check_writable, lambda path: replacing(path).__enter__()])

@@ -36,12 +36,6 @@ def test_a_foreign_error_is_one_sentence(error):
     assert caught.value.__cause__ is error
 
 
-def test_too_little_memory_is_no_damage():
-    with pytest.raises(DataError, match="memory") as caught, guarded("a.npz"):
-        raise MemoryError
-    assert "damage" not in str(caught.value)
-
-
 @pytest.mark.parametrize("number", [errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EINTR, errno.ECHILD, errno.EAGAIN])
 def test_what_the_system_lacks_is_no_damage(number):
     said = r"^a\.npz: the system could not read it \(.*\); try again\.$"

@@ -1,10 +1,8 @@
-import math
-
 import pytest
 
 from rpil.data import json_files
 from rpil.data.errors import DataError
-from rpil.data.json_files import LARGEST_METADATA, finite, object_in, parse, parse_lines, read_json, read_text
+from rpil.data.json_files import LARGEST_METADATA, parse, parse_lines, read_json, read_text
 
 
 def test_text_and_json_are_read_up_to_a_limit(tmp_path):
@@ -35,13 +33,3 @@ def test_json_of_too_many_lists_is_refused(monkeypatch):
     for text in ("[[], []]", b"[[{}]]"):
         with pytest.raises(DataError, match=r"x\.json: it holds more than 2 lists and objects"):
             parse(text, "x.json")
-
-
-def test_numbers_that_json_has_not_become_none():
-    assert finite({"a": [1.5, math.nan, (-math.inf, "b")], "c": 2}) == {"a": [1.5, None, [None, "b"]], "c": 2}
-
-
-def test_a_text_without_an_object_holds_none():
-    assert object_in('{"a": 1}') == {"a": 1}
-    for other in ("[1]", "no JSON", 3, "[" * 100_000):
-        assert object_in(other) == {}

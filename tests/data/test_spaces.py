@@ -10,13 +10,6 @@ from rpil.data.errors import DataError
 from rpil.data.spaces import Box, Discrete, action_space, encode_actions
 
 
-def test_the_most_likely_of_k_actions():
-    outputs = np.log([[0.2, 0.5, 0.3], [0.6, 0.1, 0.3]])
-    np.testing.assert_array_equal(Discrete(3).act(outputs), [1, 0])
-    assert Discrete(3).bounded(outputs) is outputs
-    assert Discrete(3) == Discrete(3) != Discrete(2)
-
-
 def test_a_box_keeps_what_is_done_within_its_bounds():
     box = Box(np.array([-1.0, 0.0]), np.array([1.0, 4.0]))
     outputs = np.array([[-3.0, 2.0], [0.5, 9.0]])
@@ -116,8 +109,3 @@ def test_codes_are_places_among_the_classes(classes):
     for unknown in (-1, 9):
         with pytest.raises(DataError, match=rf"a\.csv: action {unknown} is not among the fitted ones"):
             encode_actions(classes, np.array([classes[0], unknown]), "a.csv")
-
-
-def test_actions_of_one_class_are_refused():
-    with pytest.raises(DataError, match="one class only"):
-        action_space(Demonstrations(X, np.zeros(4, dtype=int), OFFSETS))

@@ -11,7 +11,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 from problems import make, make_continuous, refused, ridge
 from rpil.estimators.cloning import BehavioralCloning
-from rpil.estimators.rment import RMEnt, concentrate, fit_selected, starts
+from rpil.estimators.rment import RMEnt, concentrate, fit_selected
 from rpil.numerics.blocks import one_hot
 from rpil.policies.features import ridge_of
 from rpil.policies.linear import linear_policy
@@ -114,10 +114,3 @@ def test_warning_without_convergence():
 def test_errors_are_one_sentence(n_trusted, data, words):
     with refused(words):
         RMEnt(n_trusted=n_trusted).fit(data)
-
-
-def test_starts_are_all_demonstrations_single_ones_and_random_subsets():
-    found = starts(5, 3, 10, np.random.default_rng(0))
-    assert [chosen.sum() for chosen in found] == [5, 1, 1, 1, 1, 1, 3, 3, 3, 3]
-    assert (np.sum(found[1:6], axis=0) == 1).all()
-    assert len(starts(5, 3, 4, np.random.default_rng(0))) == 4

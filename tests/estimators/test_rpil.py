@@ -11,7 +11,6 @@ import pytest
 from sklearn import config_context
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
-from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
 from sklearn.model_selection import GroupKFold, cross_validate
 from sklearn.utils.estimator_checks import parametrize_with_checks
@@ -21,7 +20,7 @@ from rpil import Settings
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
-from rpil.inference.settings import HeldOutSettings, JudgeSettings, PartSettings, TrimmingSettings
+from rpil.inference.settings import HeldOutSettings, PartSettings, TrimmingSettings
 from small import FAST, ONE_SHARE, mixture
 
 STEPS = (40, 60)
@@ -151,25 +150,6 @@ def test_progress_is_reported():
 def test_warning_without_convergence():
     with pytest.warns(ConvergenceWarning, match="raise max_iter"):
         RPIL(adversary="confusion", settings=mixture(max_iter=1, tol=0.0)).fit(make("window", 0).demonstrations)
-
-
-def test_settings_of_the_judge_reach_the_scores():
-    data = make("random", 0).demonstrations
-    changed = Settings(judge=JudgeSettings(held_out=HeldOutSettings(lapse=0.4)))
-    for policy in (None, LogisticRegression()):
-        usual, other = (RPIL(policy=policy, settings=settings).fit(data).audit_ for settings in (None, changed))
-        assert np.abs(other.step_log_ratio - usual.step_log_ratio).mean() > 0.1
-
-
-def test_uninformative_demonstrators_change_no_bit():
-    data, model = make("random", 0).demonstrations, RPIL(settings=FAST)
-    alone = model.fit(data).log_odds_
-    for useless, said in ((["Ann"] * 12, "One demonstrator"), (range(12), "No demonstrator gave two")):
-        with pytest.warns(UserWarning, match=said):
-            model.fit(data, demonstrators=useless)
-        np.testing.assert_array_equal(model.log_odds_, alone)
-        assert model.audit_.demonstrators == ()
-        assert any(said in sentence for sentence in model.audit_.assumptions)
 
 
 @pytest.mark.parametrize(("prior", "is_turned"), [(None, False), (0.9, False), (0.2, True), ((20, 80), True)])
