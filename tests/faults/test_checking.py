@@ -86,12 +86,6 @@ def test_large_numbers_and_infinities_of_both_signs_raise_no_warning():
     assert {fault.id for fault in check(both).findings} == {M}
 
 
-def test_the_order_of_demonstrations_changes_nothing():
-    faulty = demonstrations(changed(CLEAN, M, actions=edited(A, slice(80, None), 2, A[80:, 2] + 20)))
-    backwards = check(faulty.select(np.arange(len(faulty))[::-1]))
-    assert [f.sentence for f in backwards.findings] == [f.sentence for f in check(faulty).findings]
-
-
 def test_missing_values_are_set_aside_on_demand_and_infinite_actions_are_named():
     damaged = with_missing(changed(CLEAN, M, observations=edited(X, slice(30, 33), 1, np.nan)))
     assert "spike" in check(damaged).not_checked

@@ -12,7 +12,7 @@ from recordings import changed, demonstrations, recording
 from rpil.faults import lag, settings
 from rpil.faults.checking import check
 from rpil.faults.measured_columns import changes, column_labels, learn_columns, means, pilot
-from rpil.faults.motion import Jump, RepeatedFrames, Scale, Spike
+from rpil.faults.motion import Jump, RepeatedFrames, Spike
 from rpil.faults.rule import Learned
 from rpil.faults.still import largest, longest_runs
 
@@ -89,14 +89,6 @@ def test_spikes_and_jumps_are_the_largest_of_each_demonstration():
         size = np.log1p(np.abs(np.diff(part, axis=1)) / every.scale[:, None]).mean(axis=0)  # size[t - 1] leads to t
         own = [size[t - 1] - max(*size[t - 3 : t - 1], *size[t : t + 2]) for t in range(3, n - 2)]
         assert of_all[m, 0] == pytest.approx(max([0.0, *own]))
-
-
-def test_levels_and_changes_are_means_of_sizes():
-    values = RNG.normal(size=(2, OFFSETS[-1]))
-    level, change = Scale.measure(block_of(values), None)
-    for m, part in enumerate(each(values)):
-        np.testing.assert_allclose(level[m], np.abs(part).mean(axis=1))
-        np.testing.assert_allclose(change[m], np.abs(np.diff(part, axis=1)).sum(axis=1) / part.shape[1])
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,8 @@ import pytest
 from recordings import recording
 from rpil import Demonstrations
 from rpil.data.episodes import lay_end_to_end
-from rpil.faults import settings
 from rpil.faults.rule import Learned
-from rpil.faults.tracking import _ROLE_WORDS, misfits, relation
+from rpil.faults.tracking import _ROLE_WORDS, relation
 
 CLEAN = recording(8, joints=4)
 
@@ -51,12 +50,6 @@ def test_where_names_tell_nothing_what_follows_best_goes_with_an_action():
     assert (tracked.action.tolist(), tracked.state.tolist()) == ([5, 6, 7, 8], [2, 4, 1, 3])
 
 
-def test_actions_in_another_unit_are_no_commands():
-    tracked = learned([(x, a / 60) for x, a in CLEAN]).tracked
-    assert not tracked.is_command
-    np.testing.assert_allclose(tracked.slope, 1 / 60, rtol=0.05)
-
-
 def test_a_relation_is_a_slope_a_correlation_and_the_better_partner():
     rng = np.random.default_rng(0)
     states = np.cumsum(rng.normal(size=(3, 300)), axis=1)
@@ -68,18 +61,6 @@ def test_a_relation_is_a_slope_a_correlation_and_the_better_partner():
     assert share[2] == pytest.approx(1)
     np.testing.assert_allclose(other[:2], 0, atol=1e-9)
     assert (mine[:2] > 0.1).all()
-
-
-def test_misfits_are_least_at_the_lag():
-    class Block:
-        offsets = np.cumsum([0, *(len(x) for x, _ in CLEAN)])
-        values = np.concatenate([np.c_[x, a] for x, a in CLEAN]).T
-        columns = type("C", (), {"spread": np.ones(8)})
-
-    found = learned(CLEAN)
-    left = misfits(Block, found.tracked)
-    assert (left.argmin(axis=1) - settings.MAX_SHIFT).tolist() == [2] * 8
-    assert left.min() < 1e-4
 
 
 def test_an_action_that_stays_far_from_states_of_many_counts_is_related_to_none():

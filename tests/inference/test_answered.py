@@ -288,12 +288,6 @@ def test_a_copy_confirms_nothing():
         assert found.count == 1
 
 
-def test_copies_that_are_labelled_are_named_and_others_are_not():
-    found = about_copies([-1, -1, -1, 0, 0, 0, 0, 0, 1, 1, 1, 0, -1, -1, 0])
-    assert found.contradicting.tolist() == [12, 13]
-    assert found.verdicts[[11, 12, 13]].tolist() == [-1, -1, -1]
-
-
 def test_the_outcome_of_copies_is_their_mean_and_a_label_of_one_goes_first():
     outcome = [0.0, NAN, 2.0, NAN, NAN, 5.0, NAN, NAN, 7.0, NAN, NAN, 6.0, 8.0, NAN, 2.0]
     once = [1.0, *outcome[1:11], 7.0]
@@ -318,15 +312,6 @@ def test_a_tie_is_between_a_win_and_a_loss_and_neither_is_the_first(others):
     win, tie, loss = by_ties([], [*others, (8, 0)]), by_ties([(8, 0)], others), by_ties([], [*others, (0, 8)])
     assert win[8] - win[0] > tie[8] - tie[0] > loss[8] - loss[0]
     np.testing.assert_allclose(by_ties([(0, 8)], others), tie, atol=1e-6)
-
-
-def test_ties_across_take_words_that_ties_of_neighbours_leave():
-    wins = [(11, 0), (10, 1)]
-    alone, across, beside = (
-        judged(answers_of(pairs=wins, tied=tied)).log_odds[11] for tied in ([], [(11, 0), (10, 1)], [(0, 1), (10, 11)])
-    )
-    assert across < 0.6 * alone
-    assert beside > 0.9 * alone
 
 
 def test_ties_of_copies_count_once_or_say_nothing():

@@ -19,16 +19,6 @@ def fitted(score, variance=None, steps=100, **settings) -> Groups:
     return fit_groups(score, variance, np.full(m, steps), GroupSettings(**settings))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("draw", ["normal", "skewed"])
-def test_one_group_is_rarely_taken_for_two(draw):
-    rng, found = np.random.default_rng(0), []
-    for _ in range(20):
-        score = rng.normal(size=30) if draw == "normal" else -rng.gamma(4.0, size=30)
-        found.append(fitted(score).p_two >= 0.9)
-    assert np.mean(found) <= 0.1
-
-
 def best_two_piece_normal(score, variance):
     """Log-likelihood of the best of very many two-piece normals."""
     spreads = score.std() * np.geomspace(1e-3, 4, 60)
@@ -97,11 +87,6 @@ def test_log_odds_are_finite_and_keep_the_order():
     found = groups_of(spread=(1e-6, 1e-6)).log_odds(np.array([-3.0, -2.0, 2.0, 3.0]), np.zeros(4))
     assert (np.diff(found) > 0).all()
     np.testing.assert_allclose(np.abs(found), logit(1 - 1e-9), atol=2e-3)
-
-
-def test_equal_scores_are_even():
-    same = groups_of(-np.inf, quantiles=np.full(3, 2.0))
-    np.testing.assert_allclose(same.log_odds(np.full(2, 2.0), np.ones(2)), 0.0)
 
 
 def test_distance_is_in_deviations_of_the_wider_group():

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from problems import fit_data_of, make_continuous
-from rpil import RPIL
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
 from rpil.inference.held_out import held_out_model, log_reference
@@ -90,12 +89,3 @@ def test_what_rests_changes_neither_scores_nor_reference():
         model = replace(model, data=data)
         gains.append(model.evaluate(np.ones(n), 1e-2) - log_reference(data, everyone, settings))
     np.testing.assert_allclose(*gains, atol=1e-9)
-
-
-def test_a_part_that_moves_in_a_few_demonstrations_alone_tells_them_from_the_others():
-    toy = make_continuous("none", 0, n_good=40, n_bad=0, steps=(40, 60))
-    part, few = np.zeros((len(toy.actions), 1)), np.arange(32, 40)
-    for begin in toy.offsets[few]:
-        part[begin : begin + 8] = 1.0
-    found = RPIL().fit(toy.observations, np.hstack([toy.actions, part]), toy.groups)
-    assert set(np.argsort(found.log_odds_)[:8]) == set(few)

@@ -57,12 +57,6 @@ def test_shrinkage_by_the_number_of_demonstrations():
     assert high[2] - low[2] > high[0] - low[0]
 
 
-def test_infinite_log_ratios_give_no_nan():
-    demonstrators, ratio = Demonstrators.from_names("aab"), np.array([np.inf, -np.inf, 0.0])
-    posterior = demonstrator_posterior(demonstrators, ratio, np.zeros(3, dtype=int), DemonstratorSettings())
-    assert not np.isnan(np.concatenate([posterior.log_odds, posterior.weight.ravel()])).any()
-
-
 def test_copies_count_once_for_each_demonstrator_who_gave_them():
     """The last two are copies of the first two, one by its demonstrator and one by another."""
     ratio, settings = np.array([3.0, 1.0, 2.0, -1.0, -4.0, -2.0, 3.0, 1.0]), DemonstratorSettings()

@@ -90,14 +90,6 @@ def test_fit_softmax_with_an_action_never_taken_and_steps_of_weight_zero():
     assert np.exp(fit.log_proba[:, 2]).max() < 1e-3
 
 
-def test_fit_softmax_in_single_precision():
-    features, targets, penalty = soft_problem(4, n=2000)
-    double = fit_softmax(features, targets, penalty, until())
-    single = fit_softmax(features.astype(np.float32), targets, penalty, until(tol=1e-5))
-    assert single.objective == pytest.approx(double.objective, rel=1e-5)
-    np.testing.assert_allclose(single.weights, double.weights, atol=1e-3)
-
-
 def test_lbfgs_steps_reach_the_optimum():
     features, targets, penalty = soft_problem(5)
     problem = features, targets, penalty

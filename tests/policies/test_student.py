@@ -165,17 +165,6 @@ def test_a_weight_of_two_is_a_step_taken_twice_and_one_of_zero_is_none():
     np.testing.assert_allclose(one.cholesky, two.cholesky, atol=1e-9)
 
 
-def test_single_precision_and_nobody_to_learn_from_cost_precision_and_nothing_else():
-    """Where EM trusts everybody, or nobody, the other side's steps weigh nothing at all."""
-    problem = ZOO["noisy"].problem()
-    policy, outputs = zero(problem).fit(problem, np.zeros(len(problem.actions)))
-    assert np.isfinite([*outputs.ravel(), *policy.log_prob(outputs, problem.actions), policy.penalty()]).all()
-    single = replace(problem, features=problem.features.astype(np.float32))
-    ones = np.ones(len(problem.actions))
-    one, two = (zero(problem).fit(p, ones)[0] for p in (problem, single))
-    np.testing.assert_allclose(two.weights, one.weights, atol=1e-4)
-
-
 def test_columns_that_are_no_columns_are_survived():
     """Two columns alike and no ridge: least squares without a unique solution."""
     features, actions = some_steps(50, 1)

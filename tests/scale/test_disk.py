@@ -14,7 +14,6 @@ import pytest
 
 import rpil
 from recorded import demonstrations, write_files
-from rpil import RPIL, formats
 from rpil.formats import table as flat
 from small import small_rpil
 
@@ -32,13 +31,6 @@ def test_a_fit_from_disk_is_the_fit_in_memory(tmp_path):
     for data in (memory.observations, memory.observations[::7]):
         np.testing.assert_array_equal(here.predict(data), there.predict(data))
     assert here.observation_names_ == there.observation_names_
-
-
-def test_a_small_data_set_is_fitted_in_memory(tmp_path):
-    memory = demonstrations()
-    formats.write(tmp_path / "a.parquet", memory)
-    here, there = RPIL().fit(memory), RPIL().fit(rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations)
-    np.testing.assert_array_equal(here.log_odds_, there.log_odds_)
 
 
 # Not ru_maxrss: a child begins with that of its parent. One core: how many blocks several hold at once is chance.

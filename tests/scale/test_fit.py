@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -89,17 +88,6 @@ def cut(data, some):
     rows = slice(offsets[0], offsets[-1])
     of_rows = {"features": data.features[rows], "actions": data.actions[rows]}
     return of_rows | {"offsets": offsets - offsets[0], "labels": data.labels[some]}
-
-
-def test_shards_hold_every_demonstration_once_in_order():
-    for n_shards in (1, 3, 1000):
-        shards = DATA.shards(n_shards)
-        blocks = [block for shard in shards for block in shard]
-        assert len(shards) == min(n_shards, len(blocks))
-        np.testing.assert_array_equal(np.concatenate([p.actions for p in blocks]), DATA.actions)
-        np.testing.assert_array_equal(np.concatenate([np.diff(p.offsets) for p in blocks]), DATA.lengths)
-        assert all(after.demonstrations.start == before.demonstrations.stop for before, after in pairwise(blocks))
-        assert blocks[0].first == 0
 
 
 def test_an_ascent_without_progress_ends():

@@ -34,16 +34,6 @@ def found_in(family, n=N, **given):
     return made, found, share_of(made.bad, made.demonstrations, found)
 
 
-def test_the_order_of_demonstrations_changes_nothing():
-    made = tidied("wrong place", N, 0).demonstrations
-    order = np.random.default_rng(0).permutation(N)
-    found, moved = find_segments(made), find_segments(made.select(order))
-    for place, m in enumerate(order):
-        own, others = found.demonstration == m, moved.demonstration == place
-        assert np.array_equal(found.start[own], moved.start[others])
-        assert np.allclose(found.score[own], moved.score[others], equal_nan=True)
-
-
 @pytest.mark.parametrize("family", ["wrong place", "undone"])
 def test_wrong_acts_are_lowest_and_named(family):
     _, found, share = found_in(family, 40)

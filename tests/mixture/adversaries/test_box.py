@@ -116,12 +116,3 @@ def test_the_marginal_is_the_mode_under_its_prior_of_a_step_in_each_bin():
     counts[[0, 19]] += 1.5, 2.0
     np.testing.assert_allclose(np.exp(found.log_density[0]), counts / 23.5)  # every bin is 1 wide
     assert found.log_prior() == pytest.approx(np.log(counts / 23.5).sum())
-
-
-def test_fit_without_weight_has_a_finite_density():
-    """Where EM trusts everybody the adversary has none."""
-    outputs = np.zeros_like(PROBLEM.actions)
-    for name in NAMES:
-        found = adversary(name, PROBLEM.space, fresh()).fit(PROBLEM, outputs, np.zeros(N))
-        assert np.isfinite(found.log_prob(PROBLEM.features, outputs, PROBLEM.actions)).all(), name
-        assert np.isfinite(found.log_prior()), name
