@@ -1,9 +1,8 @@
-"""The paper's tables and figures: statistics of the played episodes, in any number of processes."""
+"""The paper's tables: statistics of the played episodes."""
 
 from __future__ import annotations
 
 import json
-import struct
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from scipy.special import logit
 
 import paper
 from rpil import BehavioralCloning, Demonstrations, simulate
-from study import experiments, figures
+from study import experiments
 from study.experiments import EXPERIMENTS, METHODS, ORACLE, OURS, RAW_ORACLE, RECIPE
 from study.recipe import PaperRecipe
 from study.tables import wrong
@@ -26,8 +25,6 @@ SMALL = ["--env", CAR, "--draws", "2", "--rollouts", "3", "--seed", "4", "--proc
 def fast():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(experiments, "OUR_FEATURES", "folded")  # "auto" takes five times as long
-        patch.setattr(figures, "EPISODES", 3)
-        patch.setattr(figures, "_GRID", 24)
         yield
 
 
@@ -80,16 +77,3 @@ def test_recipe_is_a_fixed_point_of_the_papers_equations():
     taken = model.predict_proba(observations)[np.arange(len(actions)), actions]
     log_odds = logit(0.2) + np.add.reduceat(np.log(taken) - np.log1p(-taken), demonstrations.offsets[:-1])
     np.testing.assert_allclose(model.log_odds_, log_odds, rtol=1e-6)
-
-
-def test_figures(tmp_path):
-    paths = figures.draw(tmp_path / "figures", seed=4)
-    assert [p.name.split("-")[1] for p in paths] == list("1234567")
-    assert sorted(paths) == sorted((tmp_path / "figures").iterdir())
-    for path in paths:
-        head = path.read_bytes()[:24]
-        assert head.startswith(b"\x89PNG\r\n\x1a\n")
-        width, height = struct.unpack(">II", head[16:24])
-        assert 800 < width < 2000
-        assert 500 < height < 2000
-        assert 10_000 < path.stat().st_size < 500_000

@@ -19,13 +19,7 @@ import pytest
 
 from audits import make_audit
 from command_line import G, call, npz, ok, refused
-from recorded import demonstrations
-from rpil import Dataset, formats
 from rpil.cli import commands
-from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
-from rpil.formats.columns import ColumnOptions
-from rpil.formats.recording import Recording
 from small import SMALL
 
 
@@ -87,20 +81,6 @@ def test_outputs_do_not_join_the_data(folder):
     assert pq.read_table("data/one.parquet").equals(pq.read_table(folder / "good.parquet"))
 
 
-def test_an_audit_reads_the_demonstrations_once(folder, monkeypatch):
-    loads, load = [], Recording.load
-    monkeypatch.setattr(Recording, "load", lambda *given: loads.append(1) or load(*given))
-    ok("audit", folder / "good.parquet", "--quiet")
-    assert len(loads) == 1
-
-
-def test_audit_does_not_choose_features(folder, monkeypatch):
-    monkeypatch.setattr("rpil.estimators.final_policy.choose_features", lambda *_: pytest.fail("features were chosen"))
-    found = json.loads(ok("audit", folder / "good.parquet", "--format", "json", "--adversary", "marginal").stdout)
-    assert (found["adversary"], found["finding"]) == ("marginal", "mixture")
-    ok("audit", folder / "good.parquet", "--quiet")
-
-
 def test_ids_with_control_characters_are_escaped():
     npz("data.npz", episode_ids=np.array([f"é\x1b{g}" for g in G]))
     command = [Path(sys.executable).parent / "rpil", "audit", "data.npz"]
@@ -111,23 +91,3 @@ def test_ids_with_control_characters_are_escaped():
 
 def command(*arguments):
     return ok(*arguments, settings=SMALL).stdout
-
-
-def test_a_large_file_is_read_block_by_block(tmp_path):
-    formats.write(tmp_path / "a.parquet", demonstrations())
-
-    def read(stream, memory=None):
-        path = str(tmp_path / "a.parquet")
-        with click.Context(click.Command("audit")):
-            return commands.open_recording(path, ColumnOptions(memory=memory), lambda _: None, stream).demonstrations
-
-    assert isinstance(read(None), Demonstrations)
-    on_disk = read(None, "100kB")
-    assert isinstance(on_disk, Dataset)
-    for into_memory in (lambda: read(False, "100kB"), lambda: on_disk.select(slice(None))):
-        with pytest.raises(DataError, match=r"more than the 0\.1 MB that it may; allow more"):
-            into_memory()
-    for size in ("300kB", "300MB"):
-        command("audit", tmp_path / "a.parquet", "--memory", size, "--weights", tmp_path / f"{size}.parquet")
-    one, other = (pq.read_table(tmp_path / f"{size}.parquet") for size in ("300kB", "300MB"))
-    assert one["log_odds"].equals(other["log_odds"])

@@ -88,14 +88,6 @@ def test_the_first_index_may_be_the_time(said, written):
         np.testing.assert_array_equal(moves, SAID[said]["actions"][: LONGER[m], m])
 
 
-def test_one_observation_more_in_the_first_index_says_that_it_is_the_time(tmp_path):
-    arrays = {"observations": np.arange(72.0).reshape(6, 4, 3), "actions": np.ones((5, 4, 2)) * np.arange(2)}
-    np.savez(tmp_path / "time.npz", **arrays)
-    found = rpil.read(tmp_path / "time.npz")
-    assert found.lengths.tolist() == [5] * 4
-    np.testing.assert_array_equal(found.observations[5:10], arrays["observations"][:5, 1])
-
-
 @pytest.fixture(params=[".npz", ".hdf5"])
 def written(request, tmp_path):
     def write(arrays):
@@ -179,12 +171,6 @@ def test_ids_that_are_none_are_named(written, ids, said):
     with pytest.raises(DataError, match=re.escape(said)) as caught:
         rpil.read(written(arrays))
     assert "damaged" not in str(caught.value)
-
-
-def test_rows_with_a_history_and_ids_that_repeat_are_no_stacks():
-    arrays = {"obs": np.zeros((6, 2, 3)), "actions": np.zeros((6, 2)), "episode_index": np.array([0, 0, 0, 1, 1, 1])}
-    assert not Arrays(arrays, "").is_stacked
-    assert Arrays(arrays | {"episode_index": np.arange(6)}, "").is_stacked
 
 
 def test_no_timeouts_are_added_where_a_demonstration_terminates(tmp_path):

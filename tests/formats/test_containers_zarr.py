@@ -109,14 +109,6 @@ def test_a_zip_file_is_one_by_its_name(tmp_path):
         rpil.read(damaged)
 
 
-@pytest.mark.parametrize("action", [None, np.arange(11.0)[:, None]])
-def test_chunks_that_are_missing_are_not_made_up(tmp_path, action):
-    path, _ = write_buffer(tmp_path, action=action)
-    (path / "data/action/3.0").unlink()  # steps 9 and 10
-    with pytest.raises(DataError, match=r"data/action: 1 of its 4 chunks are not there; .*write_empty_chunks"):
-        rpil.read(path)
-
-
 def test_names_in_a_zip_file_that_lead_out_of_it_are_not_read(tmp_path):
     folder, _ = write_buffer(tmp_path)
     path = shutil.make_archive(str(folder), "zip", folder)

@@ -88,15 +88,6 @@ def test_encodings(tmp_path):
                 read_recording(tmp_path / "b.csv", on_disk=on_disk)
 
 
-@pytest.mark.parametrize("names", [["a/data", "b/data"], ["run.1", "run.2"], ["a/run", "b/run.1"]])
-def test_files_of_a_folder_are_told_apart_by_their_whole_names(tmp_path, names):
-    for m, name in enumerate(names):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        rows = np.flatnonzero(m == RUN)
-        (tmp_path / f"{name}.csv").write_text(text({n: BASE[n] for n in BASE if n != "episode"}, rows=rows))
-    assert formats.read(tmp_path).ids == tuple(names)
-
-
 @pytest.mark.parametrize(
     ("columns", "other", "name"),
     [({n: BASE[n] for n in BASE if n != "episode"}, "a.tsv", "'a'"), (BASE, "b.csv", "0")],

@@ -77,8 +77,3 @@ def test_an_id_that_makes_no_demonstrations_is_a_question(column, values, said, 
     done = call("info", drive, "--id", column)
     assert done.exit_code == 2
     assert said.replace("clock", "time") in done.stderr
-
-
-def test_one_id_in_all_rows_is_named(drive):
-    pa.csv.write_csv(drives(1), drive)
-    refused("all steps are of demonstration 't0', and one demonstration alone", "audit", drive, "--action", "steer")

@@ -70,13 +70,6 @@ def test_a_line_that_holds_no_object_or_several_is_named(text, number, tmp_path,
     refused(sentence, "info", tmp_path / "a.jsonl", "--skip-bad")
 
 
-def test_records_of_a_car_are_lines_with_another_ending(tmp_path):
-    rows = [{"_session_id": f"s{m}", "speed": k / 7, "user/angle": a} for m in range(2) for k, a in enumerate(MOVES[m])]
-    found = rpil.read(write(tmp_path / "a.catalog", rows), action="user/angle")
-    assert found.ids == ("s0", "s1")
-    np.testing.assert_array_equal(found.actions.ravel(), np.concatenate(MOVES[:2]))
-
-
 @pytest.mark.parametrize("end", [b"\n", b"\r\n"])
 @pytest.mark.parametrize("blank", [b"", b"\n"])  # with blank lines a file is read line by line
 def test_a_return_within_an_object_ends_no_line(end, blank, tmp_path):

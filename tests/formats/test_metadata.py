@@ -19,7 +19,7 @@ from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import ColumnOptions, read_recording
 from rpil.formats.metadata import fill, unit_of
-from samples import LENGTHS, OWNERS, SAMPLES, STATES, lerobot
+from samples import LENGTHS, OWNERS, STATES, lerobot
 
 SUCCESS = np.array([0, 0, 0, 1, *[0] * 6, *[0] * 4, 1])
 """A flag of which only the last value of each demonstration counts: 1, 0, 1."""
@@ -27,15 +27,6 @@ SUCCESS = np.array([0, 0, 0, 1, *[0] * 6, *[0] * 4, 1])
 
 def facts(path, **options):
     return formats.read_recording(path, ColumnOptions(**options)).facts
-
-
-@pytest.mark.parametrize("name", ["folder of CSV", "folder of Parquet"])
-def test_a_file_each_states_no_order_as_one_file_with_these_ids_states_none(tmp_path, name):
-    path = SAMPLES[name](tmp_path)
-    suffix = next(path.iterdir()).suffix
-    for old, new in (("0", "ep_10"), ("1", "ep_9"), ("2", "ep_11")):
-        (path / f"{old}{suffix}").rename(path / f"{new}{suffix}")
-    assert facts(path).order is None
 
 
 def write_table(path: Path, frame: pa.Table) -> None:
@@ -144,13 +135,6 @@ def test_timestamps_are_in_seconds(tmp_path, unit):
 )
 def test_the_unit_of_a_time_is_known_by_its_name_or_its_size(name, values, unit):
     assert unit_of(name, pa.array(values).type, np.array(values)) == unit
-
-
-def test_a_number_that_does_not_grow_is_no_time(tmp_path):
-    """Such as the time of a reaction, which the name does not tell from the time of the step."""
-    times = with_times([0.3, 0.2, 0.5, 0.1, 0.3]).rename_columns(["id", "reaction_time", "x", "action"])
-    pq.write_table(times, tmp_path / "a.parquet")
-    assert timestamps(tmp_path / "a.parquet", options=ColumnOptions(id="id")) is None
 
 
 def test_robomimic_says_its_lengths(tmp_path):

@@ -82,16 +82,6 @@ def test_rows_are_sorted_by_their_column_and_weights_find_them(tmp_path, suffix)
     assert weights["frame_index"].to_pylist() == weights["step_index"].to_pylist()
 
 
-def test_a_file_that_numbers_steps_from_1_is_joined_by_its_own_numbers(tmp_path):
-    table = {"episode": [1, 1, 2], "step_index": [2, 1, 1], "x": [0.5, 0.25, 0.125], "action": [0, 1, 1]}
-    pq.write_table(pa.table(table), tmp_path / "a.parquet")
-    recording = read_recording(tmp_path / "a.parquet")
-    d = recording.demonstrations
-    assert d.observations[:, 0].tolist() == [0.25, 0.5, 0.125]
-    write_weights(tmp_path / "w.csv", d.ids, d.offsets, np.zeros(3), np.zeros(2), np.zeros(2), recording.step_columns)
-    assert pa.csv.read_csv(tmp_path / "w.csv")["step_index"].to_pylist() == [1, 2, 1]
-
-
 def test_a_column_that_repeats_values_is_no_order(tmp_path):
     table = TABLE.set_column(1, "frame_index", pa.array(np.zeros(N, int))).drop_columns(["index", "timestamp"])
     pq.write_table(table, tmp_path / "a.parquet")

@@ -9,7 +9,6 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -71,14 +70,6 @@ def test_text_tables(tmp_path, monkeypatch, ids, actions, decimal):
     assert_same_on_disk(tmp_path / "a.csv")
 
 
-def test_types_that_differ_between_files_become_one(tmp_path):
-    for name, times in (("a", "0123"), ("b", ["0", "0.5", "1", "1.5"])):
-        rows = [f"{name},{t},0.5,{k % 2}\n" for k, t in enumerate(times)]
-        (tmp_path / f"{name}.csv").write_text("".join(["episode,timestamp,x,action\n", *rows]))
-    assert read_recording(tmp_path).demonstrations.n_steps == 8
-    assert_same_on_disk(tmp_path)
-
-
 def test_types_that_change_are_said(tmp_path, monkeypatch):
     for name in ("_HEAD_BYTES", "_BLOCK_BYTES"):
         monkeypatch.setattr(f"rpil.formats.csv.{name}", 1 << 6)
@@ -137,13 +128,3 @@ def test_a_folder_that_cannot_hold_the_copy_is_said(tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path / "not there"))
     with pytest.raises(DataError, match=r"TMPDIR is .*not there, where no file can be written\); set TMPDIR"):
         read_recording(tmp_path / "a.csv", on_disk=True)
-
-
-def test_rows_all_over_the_file_are_read_from_few_batches(monkeypatch):
-    monkeypatch.setattr(steps, "_BATCHES_AT_ONCE", 4)
-    rows, read, batch = np.random.default_rng(0).permutation(7 * 40), [], steps.ArrowFile.batch
-    file = steps.ArrowFile.of([pa.table({"x": np.arange(len(rows)) / 3})], "x")
-    monkeypatch.setattr(steps.ArrowFile, "batch", lambda *own: read.append(own) or batch(*own))
-    moved = steps.Steps(file, "x").taken(rows)
-    assert len(read) <= 40 * 40 / 4
-    assert np.array_equal(np.concatenate([one["x"] for _, one, _ in moved.tables(["x"])]), rows / 3)

@@ -70,14 +70,6 @@ def test_a_label_replaces_that_of_an_earlier_run(audit, name):
     assert session.audit.answers.labels[1] == 1
 
 
-def test_the_only_label_may_be_taken_back_with_a_note(audit):
-    Path("labels.csv").write_text("id,label\n1,good\n")
-    session = Session(audit.answered({1: "good"}), "labels.csv", Path("labels.csv").read_bytes(), None)
-    session.answer((1,), "u", "too dark")
-    assert rows() == ["id,label,note", "1,cannot tell,too dark"]
-    assert read_answers("labels.csv") == ({}, {})
-
-
 def test_what_cannot_be_written_changes_nothing(audit):
     Path("labels.csv").write_text("id,label\n1,better than 3\n")
     session = Session(audit.answered({}, [(1, 3)]), "labels.csv", Path("labels.csv").read_bytes(), None)
