@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import runpy
 import sys
 from pathlib import Path
@@ -70,23 +69,3 @@ def test_a_module_without_a_file_or_tests_is_refused(module, remedy, monkeypatch
     monkeypatch.setattr(sys, "argv", ["mutants.py", "--modules", module])
     with pytest.raises(SystemExit, match=remedy):
         TOOL["main"]()
-
-
-def test_a_mutant_takes_the_place_of_its_module_alone(monkeypatch):
-    """The copy in which the tests run holds the changed module, and the library elsewhere."""
-    module, seen = "outliers", []
-
-    def run(folder, tests):
-        own = TOOL["path_of"](module, Path(folder) / "rpil")
-        files = [path for path in own.parent.glob("*.py") if path != own]
-        assert len(files) > 5
-        assert all(path.read_text() == TOOL["path_of"](module).with_name(path.name).read_text() for path in files)
-        assert tests == TOOL["tests_of"](module)
-        seen.append(own.read_text())
-
-    monkeypatch.setattr(os, "fork", lambda: 0)  # the tests would run in the child
-    for name, value in (("run", run), ("waited", lambda child: child)):
-        monkeypatch.setitem(TOOL["passes"].__globals__, name, value)
-    for source in ("x = 1", None):
-        assert TOOL["passes"](module, source)
-    assert seen == ["x = 1", TOOL["path_of"](module).read_text()]

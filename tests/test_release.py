@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import runpy
-import tarfile
-import zipfile
 from pathlib import Path
 
 import pytest
@@ -31,26 +28,6 @@ def test_versions_that_disagree_are_named(tmp_path, version, heading, cited, fau
     (tmp_path / "CITATION.cff").write_text(f"version: {cited}\n")
     assert len(TOOL["version_faults"](tmp_path)) == faults
     assert TOOL["version_faults"]() == []  # of this checkout
-
-
-def test_what_is_built_holds_the_library_and_no_more(tmp_path):
-    (tmp_path / "src" / "rpil").mkdir(parents=True)
-    for name in ("__init__.py", "new.py"):
-        (tmp_path / "src" / "rpil" / name).write_text("")
-    wheel, source = tmp_path / "rpil.whl", tmp_path / "rpil.tar.gz"
-    with zipfile.ZipFile(wheel, "w") as archive:
-        for name in ("rpil/__init__.py", "rpil/old.py", "rpil-1.dist-info/METADATA"):
-            archive.writestr(name, "")
-    inside = ["pyproject.toml", "LICENSE", "NOTICE", "README.md", "tests/a.py"]
-    inside += ["src/rpil/__init__.py", "src/rpil/new.py"]
-    with tarfile.open(source, "w:gz") as archive:
-        for name in inside:
-            archive.addfile(tarfile.TarInfo(f"rpil-1/{name}"), io.BytesIO())
-    assert TOOL["contents_faults"](wheel, source, tmp_path) == [
-        "rpil.whl: rpil/new.py is missing",
-        "rpil.whl: rpil/old.py is not of the library",
-        "rpil.tar.gz: holds tests/a.py",
-    ]
 
 
 def test_licences_are_permissive_and_the_bill_of_materials_names_every_package_and_what_needs_it():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rpil_outside.world import World
-from rpil_outside.worlds import WORLDS, early_release, intersection, overcooked, push2d
+from rpil_outside.worlds import WORLDS, intersection, overcooked, push2d
 
 PLAIN = ("push2d", "intersection", "early_release")
 """They need NumPy alone."""
@@ -78,24 +78,8 @@ def test_a_careful_teacher_earns_about_fifteen_and_noisy_ones_less() -> None:
     assert all(careful > earned(noise) + 2 for noise in intersection.NOISES)
 
 
-def test_only_good_operators_place_the_thing() -> None:
-    rng = np.random.default_rng(0)
-    good, bad = (early_release.driven(50, early_release.Operator(50, bad, rng).act, rng)[2] for bad in (False, True))
-    assert good.mean() > 0.95
-    assert bad.mean() < 0.05
-
-
 def test_careful_driver_pushes_the_disc_home_and_a_careless_one_by_luck() -> None:
     rng = np.random.default_rng(0)
     assert len(push2d.drive("careful", 200, rng)) == 200
     assert len(push2d.drive("strategy", 200, rng)) > 180
     assert 2 <= len(push2d.drive("accidental", 400, rng)) < 60
-
-
-def test_truncated_demonstrations_fail_and_hold_good_steps() -> None:
-    made = WORLDS["push2d"].make("truncation 50", 0, quick=True)
-    assert made.success is not None
-    assert made.good_steps is not None
-    assert made.success[made.good].all()
-    assert not made.success[~made.good].any()
-    assert made.good_steps.all()

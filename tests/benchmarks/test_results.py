@@ -78,36 +78,6 @@ def test_finished_figures_of_the_same_commit_are_not_made_again(made, capsys):
     assert "## claims" not in out
 
 
-def policy(mean: float, **more: object) -> dict:
-    paper_way = {"mean": mean + 1, "half_width": 3.0}
-    return {"mean": mean, "half_width": 2.0, "worst": mean - 9, "paper_way": paper_way} | more
-
-
-def test_page_names_a_loss_in_the_paper():
-    policies = {
-        "expert": policy(265.0),
-        "raw trust all": policy(-160.0, printed=-22.24),
-        "trust all": policy(-180.0),
-        "paper's recipe": policy(160.0, printed=195.06, wrong=3),
-        "rpil": policy(190.0, wrong=1),
-        "ILEED": policy(191.5),
-        "oracle": policy(191.0),
-    }
-    of = {"table": 3, "env": "LunarLander-v3", "kind": "corrupted", "draws": 20, "seeds": [0, 1], "verdicts": 400}
-    how = {"rollouts": 100, "features": "nystroem", "provenance": ORIGIN}
-    page = results.page({"paper": how | {"tables": [of | {"policies": policies}], "draws": []}}, [])
-    assert (
-        "Table 3, LunarLander-v3 corrupted: above ours (190.0 ± 2.0): ILEED 191.5 ± 2.0, oracle 191.0 ± 2.0 and the "
-        "paper's print of paper's recipe 195.06." in page
-    )
-    assert "| ILEED | **191.5 ± 2.0** |" in page
-    assert "| rpil | 190.0 ± 2.0 |" in page
-    assert "| expert | 265.0 ± 2.0 |" in page  # competes with nobody
-    assert "Wrong verdicts of rpil: 1 of 400 in table 3." in page
-    assert "| paper's recipe, printed | 195.06 |" in page
-    assert ORIGIN["commit"] in page
-
-
 def test_provenance_names_the_commit_and_no_machine():
     found = provenance("1000 to 1009")
     command = ["git", "-C", str(BENCHMARKS), "rev-parse", "HEAD"]

@@ -2,46 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import rpil
 from worlds import recorded
-from worlds.recorded import read
 from worlds.sequences import KINDS
-
-
-def save(folder: Path, name: str = "some", leave_out: tuple[str, ...] = (), **other) -> Path:
-    """Ten steps of the demonstrations 3, 4, 5 and 7, in another order."""
-    arrays = {
-        "observations": np.arange(20.0).reshape(10, 2),
-        "actions": np.arange(10) % 3,
-        "episode_ids": np.repeat([7, 3, 5, 4], [3, 2, 4, 1]),
-        "is_good": np.array([1, 0, -1, 1]),
-        "episode_quality": np.array([0.4, 0.1, 0.2, 0.3]),
-        "demonstrator_ids": np.array([1, 1, 2, 2]),
-    } | other
-    path = folder / f"{name}.npz"
-    np.savez(path, **{key: array for key, array in arrays.items() if key not in leave_out})
-    return path
-
-
-def test_steps_come_in_the_order_of_their_demonstrations(tmp_path):
-    world = read(save(tmp_path))
-    made = world.demonstrations
-    assert made.lengths.tolist() == [2, 1, 4, 3]
-    assert made.ids == (0, 1, 2, 3)
-    np.testing.assert_array_equal(made.observations[:3, 0], [6, 8, 18])  # steps 3 and 4, then step 9
-    np.testing.assert_array_equal(made.actions[-3:], [0, 1, 2])
-    np.testing.assert_array_equal(world.is_good, [1, 0, -1, 1])
-    np.testing.assert_array_equal(world.quality, [0.4, 0.1, 0.2, 0.3])
-    assert world.people == ("1", "1", "2", "2")
-    half = world.good_half()
-    assert half.is_good.tolist() == [1, 1]
-    assert half.demonstrations.lengths.tolist() == [2, 3]
-    assert (half.quality.tolist(), half.people) == ([0.4, 0.3], ("1", "2"))
 
 
 def test_changes_by_hand():

@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 
 from command_line import call, ok, refused
+from recordings import spike
 from recordings import write_recording as write
-
-
-def spike(observations, ids):
-    observations[np.flatnonzero(ids == 4)[60], 1] += 30
 
 
 def missing(observations, ids):

@@ -9,7 +9,7 @@ from pathlib import Path
 import rpil
 from command_line import call, ok, refused
 from lerobot_folders import write as write_folder
-from recordings import write_recording
+from recordings import spike, write_recording
 from rpil.cli.exchange import Numbered, markdown, of_faults, sarif
 from rpil.faults.report import NUMBERS, OF_AUDIT, RULE_NAMES, RULES
 from rpil.faults.rule import Fault
@@ -19,10 +19,6 @@ from rpil.results.vocabulary import SIDES
 ROOT = Path(__file__).parents[2]
 TYPES = {"string": str, "integer": int, "number": (int, float), "array": list, "object": dict, "null": type(None)}
 TYPES["boolean"] = bool
-
-
-def spike(observations, ids):
-    observations[(ids == 4).nonzero()[0][60], 1] += 30
 
 
 def faults_of(value, schema, defs, place="$"):

@@ -10,8 +10,6 @@ import pytest
 
 from rpil import RPIL
 from rpil.cli.main import main
-from rpil.mixture.adversaries.named import ADVERSARIES
-from rpil.policies.features import FEATURES
 
 COMMANDS = main.commands.values()
 PAGE = (Path(__file__).parents[2] / "docs" / "command-line.md").read_text(encoding="utf-8")
@@ -31,12 +29,6 @@ def test_the_short_option_o_is_the_output_of_every_command():
 @pytest.mark.parametrize(("name", "argument"), [("adversary", "adversary"), ("seed", "random_state")])
 def test_defaults_are_those_of_python(command, name, argument):
     assert option(command, name).default == inspect.signature(RPIL).parameters[argument].default
-
-
-def test_choices_are_those_of_the_library():
-    named = ["auto", *ADVERSARIES["discrete"], *ADVERSARIES["continuous"]]
-    for name, expected in (("features", FEATURES), ("adversary", named)):
-        assert {choice.replace("-", " ") for choice in option("audit", name).type.choices} == set(expected)
 
 
 def test_one_option_has_one_default():

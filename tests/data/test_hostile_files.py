@@ -18,15 +18,7 @@ import pyarrow.parquet as pq
 import pytest
 from numpy.lib import format as npy
 
-from hostile import (
-    MAX_BYTES,
-    MAX_SECONDS,
-    assert_refused,
-    read_all,
-    write_letters,
-    write_long_list,
-    write_zeros,
-)
+from hostile import MAX_BYTES, MAX_SECONDS, assert_refused, read_all, write_letters, write_long_list, write_zeros
 
 h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
 numcodecs = pytest.importorskip("numcodecs", reason="needs the extra zarr")

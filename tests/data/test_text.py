@@ -11,18 +11,7 @@ import pytest
 
 import rpil
 from rpil import formats
-from rpil.data.text import (
-    counted,
-    duration,
-    each_text,
-    for_others,
-    from_cell,
-    listed,
-    moment,
-    one_line,
-    printable,
-    to_cell,
-)
+from rpil.data.text import counted, duration, each_text, for_others, from_cell, listed, moment, printable, to_cell
 from rpil.formats.registry import find
 
 
@@ -40,11 +29,6 @@ from rpil.formats.registry import find
 def test_invisible_characters_are_escaped(name, shown):
     assert printable(name) == shown
     printable(name).encode("utf-8")
-
-
-def test_lines_may_stay_or_become_spaces():
-    assert printable("a\n\tb\x1b", kept="\n\t") == "a\n\tb\\x1b"
-    assert one_line(" a\n\tb ") == "a b"
 
 
 def test_five_names_are_listed_and_the_others_counted():

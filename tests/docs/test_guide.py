@@ -40,16 +40,6 @@ def test_snippets_run(pictures):
     assert "bad" not in np.array(names["answered"].verdicts)[good]
 
 
-@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")  # trees change by leaps
-def test_snippet_with_an_estimator_runs(pictures):
-    (code,) = [code for code in SNIPPETS if "HistGradient" in code]
-    demonstrations, _ = pictures["ring_demonstrations"]()
-    fast = code.replace("sklearn.ensemble", "sklearn.tree").replace("HistGradientBoosting", "DecisionTree")
-    names = {"RPIL": rpil.RPIL, "demonstrations": demonstrations}
-    exec(compile(fast, "docs/policies.md", "exec"), names)
-    assert names["model"].predict(demonstrations.observations[:3]).shape == (3,)
-
-
 def test_the_recipes_of_the_guide_run_and_are_short(tmp_path, monkeypatch):
     tool = runpy.run_path(str(DOCS.parent / "tools" / "path_of_audit.py"))
     recipes = re.findall(r"^```python\n(.*?)^```", (DOCS / "guide.md").read_text(encoding="utf-8"), re.M | re.S)

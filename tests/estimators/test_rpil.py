@@ -109,19 +109,6 @@ def test_same_seed_gives_same_bits_for_arrays_and_demonstrations(toy, estimator)
             assert other.objective_ == models[0].objective_
 
 
-def test_text_for_actions_and_ids():
-    toy = make("random", 0)
-    words = np.array(["left", "none", "right"])[toy.actions]
-    ids = np.array([f"trial {m}" for m in toy.groups])
-    numbers = RPIL(settings=FAST).fit(toy.observations, toy.actions, groups=toy.groups)
-    text = RPIL(settings=FAST).fit(toy.observations, words, groups=ids)
-    assert set(text.predict(toy.observations)) <= {"left", "none", "right"}
-    np.testing.assert_array_equal(text.classes_, ["left", "none", "right"])
-    assert text.audit_.ids == tuple(f"trial {m}" for m in range(12))
-    np.testing.assert_array_equal(text.log_odds_, numbers.log_odds_)
-    assert text.score(toy.observations, words) == numbers.score(toy.observations, toy.actions)
-
-
 def test_cross_validate_without_groups_is_an_error():
     toy = make("random", 0)
     model, splits = RPIL(adversary="uniform"), GroupKFold(3)

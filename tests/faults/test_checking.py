@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 import rpil
-from recordings import changed, demonstrations, recording, with_missing
+from recordings import changed, demonstrations, edited, recording, with_missing
 from rpil import Demonstrations, formats
 from rpil.faults.checking import check
 from rpil.faults.report import RULES
@@ -63,12 +63,6 @@ def test_from_disk_as_in_memory(tmp_path, monkeypatch):
 CLEAN = recording()
 M = 5  # the demonstration with the fault
 X, A = CLEAN[M]
-
-
-def edited(values, rows, columns, new):
-    out = values.copy()
-    out[rows, columns] = new
-    return out
 
 
 def test_the_worst_comes_first_and_each_demonstration_once_for_each_rule():

@@ -49,10 +49,7 @@ def test_what_lies_beside_the_arrays_says_task_and_outcome(folder):
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        (
-            {"obs": np.ones((3, 2))},
-            "1/trajectory.npz: in a folder each file is one demonstration",
-        ),
+        ({"obs": np.ones((3, 2))}, "1/trajectory.npz: in a folder each file is one demonstration"),
         ({"actions": np.ones(3), "episode_ids": np.array([0, 0, 1])}, "names several; give the path"),
         ({"actions": np.ones((3, 2)), "obs_state": np.ones((5, 2))}, "'obs_state' has the shape"),
         ({"actions": np.array([{}], dtype=object)}, "'actions' has the shape|nested|type object"),

@@ -64,10 +64,7 @@ def test_trajectories_are_read_and_frames_are_fitted(problem):
     ("columns", "message"),
     [
         ({"observation.x": [1.0, 2.0], "action": [0, 1]}, "the frame: no column says which demonstration"),
-        (
-            {"episode": [0, 0], "obs_x": [object(), 1], "action": [0, 1]},
-            "the frame: a column holds values",
-        ),
+        ({"episode": [0, 0], "obs_x": [object(), 1], "action": [0, 1]}, "the frame: a column holds values"),
     ],
 )
 def test_faults_of_frames_name_the_frame(columns, message):

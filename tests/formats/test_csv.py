@@ -89,8 +89,7 @@ def test_encodings(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("columns", "other", "name"),
-    [({n: BASE[n] for n in BASE if n != "episode"}, "a.tsv", "'a'"), (BASE, "b.csv", "0")],
+    ("columns", "other", "name"), [({n: BASE[n] for n in BASE if n != "episode"}, "a.tsv", "'a'"), (BASE, "b.csv", "0")]
 )
 def test_a_demonstration_in_two_files_is_refused(tmp_path, columns, other, name):
     for file in ("a.csv", other):

@@ -166,15 +166,9 @@ def npz(path, **changes):
     ("changes", "match"),
     [
         ({"actions": np.array([0, 1, None], dtype=object)}, "never unpickled .* numpy.asarray"),
-        (
-            {"episode_ids": None},
-            "nothing says where demonstrations begin .* or one called episode_index",
-        ),
+        ({"episode_ids": None}, "nothing says where demonstrations begin .* or one called episode_index"),
         ({"actions": [0, 1]}, r"episode_ids has the shape \(3,\) for 2 actions; give one id for each"),
-        (
-            {"actions": None},
-            "no column holds the action: name it action, .*'episode_ids', 'rewards'",
-        ),
+        ({"actions": None}, "no column holds the action: name it action, .*'episode_ids', 'rewards'"),
     ],
 )
 def test_bad_npz(tmp_path, changes, match):

@@ -202,13 +202,3 @@ def test_copies_have_what_was_found_of_the_first_of_them():
     first, last = np.split(every.log_ratio[toy.offsets[-1] :], [lengths[12]])
     np.testing.assert_array_equal(first, found.log_ratio[toy.offsets[12] : toy.offsets[13]])
     np.testing.assert_array_equal(last, found.log_ratio[toy.offsets[3] : toy.offsets[4]])
-
-
-def test_nothing_could_be_learned_from_random_observations():
-    data = make("noisy", 0, n_good=10, n_bad=10, steps=STEPS).problem()
-    noise = np.random.default_rng(0).normal(size=data.features.shape)
-    noise[:, -1] = 1.0
-    data = replace(data, features=noise)
-    judgement = judge(data, held_out_model(data, HeldOutSettings()), SETTINGS)
-    assert judgement.claims.finding == "nothing could be learned"
-    assert not judgement.claims.lower.any()

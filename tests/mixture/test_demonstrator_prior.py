@@ -69,13 +69,6 @@ def test_copies_count_once_for_each_demonstrator_who_gave_them():
     np.testing.assert_allclose(trust, by_hand.intervals())
 
 
-def test_a_label_says_what_its_own_demonstration_is():
-    names, labels = Demonstrators.from_names("aaabbb"), np.array([0, 1, 0, -1, 0, 0])
-    found, _ = trust_by_demonstrator(names, np.zeros(6), labels, np.arange(6), DemonstratorSettings())
-    assert found[[1, 3]].tolist() == [0.0, 0.0]
-    assert found[0] > 0.1 > -0.1 > found[4]
-
-
 def test_demonstrators_that_do_not_differ_or_tell_nothing_change_nothing():
     ratio, settings = np.array([9.0, 9, -9, -9]), DemonstratorSettings(spreads=(0.0,))
     posterior = demonstrator_posterior(Demonstrators.from_names("aabb"), ratio, np.zeros(4, dtype=int), settings)

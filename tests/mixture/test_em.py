@@ -140,10 +140,7 @@ def test_m_step_uses_soft_targets_or_the_experts_term_alone():
     posterior = e_step(problem, state, state.policy.outputs(problem.features))
     r, taken = problem.per_step(posterior.expert), np.eye(3)[problem.actions]
     q = state.adversary.intended_action_proba(posterior.outputs, problem.actions)
-    for mode, targets in (
-        ("joint", r[:, None] * taken + (1 - r)[:, None] * q),
-        ("expert_only", r[:, None] * taken),
-    ):
+    for mode, targets in (("joint", r[:, None] * taken + (1 - r)[:, None] * q), ("expert_only", r[:, None] * taken)):
         new, log_proba = m_step(problem, state, posterior, MixtureSettings(m_step=mode, newton_iter=100, cg_iter=100))
         best, _ = SoftmaxPolicy.zero(3, ridge(problem)).fit(problem, np.zeros(len(taken)), targets, tol=1e-10)
         np.testing.assert_allclose(log_proba, best.outputs(problem.features), atol=1e-3)

@@ -78,13 +78,6 @@ def test_a_mean_beyond_the_bound_is_nearly_as_good_as_one_on_it(action, mean, er
     np.testing.assert_allclose(found, free.log_prob(np.array([[0.0]]), np.array([[error]])))
 
 
-def test_before_it_has_seen_data_it_is_in_the_middle_and_as_unsure_as_anything_in_the_box():
-    box = Box(np.array([-1.0, 0.0]), np.array([3.0, 1.0]))
-    policy = StudentPolicy.zero(box, np.zeros(3), 100)
-    np.testing.assert_allclose(policy.outputs(some_steps(5, 2)[0]), np.tile([1.0, 0.5], (5, 1)))
-    np.testing.assert_allclose(np.diag(policy.cholesky) ** 2, [16 / 12, 1 / 12])  # variances of uniform draws
-
-
 @pytest.mark.parametrize("name", [*ZOO, *BOUNDED])
 def test_no_step_of_learning_lowers_the_objective(name):
     problem = BOUNDED[name] if name in BOUNDED else ZOO[name].problem()

@@ -165,8 +165,7 @@ def test_what_stays_within_the_band_is_no_deviation() -> None:
 
 
 @pytest.mark.parametrize(
-    "changes",
-    [{"finding": "no outliers"}, {"anchor": "answers", "finding": "answered", "verdicts": ("open", "bad")}],
+    "changes", [{"finding": "no outliers"}, {"anchor": "answers", "finding": "answered", "verdicts": ("open", "bad")}]
 )
 def test_without_trusted_demonstrations_nothing_is_compared(changes: dict[str, object]) -> None:
     assert deviations(replace(AUDIT, **changes), compared(np.ones(80, dtype=int)), np.arange(2)) == ()

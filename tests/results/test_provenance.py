@@ -21,11 +21,7 @@ from rpil.results.provenance import Provenance, changed_settings, digest
 def test_a_file_has_the_digest_that_every_tool_computes(tmp_path):
     (tmp_path / "a.csv").write_bytes(b"1,2\n")
     expected = hashlib.sha256(b"1,2\n").hexdigest()
-    assert digest(tmp_path / "a.csv") == {
-        "path": str(tmp_path / "a.csv"),
-        "bytes": 4,
-        "sha256": expected,
-    }
+    assert digest(tmp_path / "a.csv") == {"path": str(tmp_path / "a.csv"), "bytes": 4, "sha256": expected}
 
 
 @pytest.mark.parametrize("is_large", [False, True])
@@ -52,9 +48,7 @@ def test_the_digest_of_a_folder_changes_with_names_and_contents(tmp_path, monkey
 def test_settings_that_differ_are_named():
     assert changed_settings(Settings(), Settings()) == {}
     changed = replace(
-        Settings(),
-        judge=replace(JudgeSettings(), outliers=OutlierSettings(min_proba=0.75)),
-        judge_features="raw",
+        Settings(), judge=replace(JudgeSettings(), outliers=OutlierSettings(min_proba=0.75)), judge_features="raw"
     )
     assert changed_settings(changed, Settings()) == {"judge_features": "raw", "judge.outliers.min_proba": 0.75}
     assert changed_settings(math.inf, 1.0, "x") == {"x": "inf"}  # which JSON does not have

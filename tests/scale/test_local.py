@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.scale import local
 from rpil.scale.local import LocalEngine, StepFile
 from rpil.scale.protocol import Engine, Shards
 
@@ -79,18 +78,3 @@ def test_room_is_checked_before_the_first_block_is_written(monkeypatch):
     StepFile(1_600_000).append(block)
     with pytest.raises(DataError, match=r"0.04 GB for a temporary file, and .* has 0.03 GB free; set TMPDIR"):
         StepFile(2_000_000).append(block)
-
-
-def test_few_blocks_are_in_memory(monkeypatch):
-    monkeypatch.setattr(local, "cores", lambda: 2)
-    read = []
-
-    def shard():
-        for k in range(9):
-            read.append(k)
-            yield k
-
-    results = LocalEngine().place([shard()]).map(lambda block: block)
-    assert next(results) == 0
-    assert len(read) == 3
-    assert list(results) == [*range(1, 9)]

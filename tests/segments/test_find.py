@@ -127,17 +127,6 @@ def test_progress_by_brute_force():
         assert found[k] == pytest.approx(np.mean(ratios)) if ratios else np.isnan(found[k])
 
 
-def test_progress_of_what_few_others_move_is_unknown():
-    after, before, moved, demonstration = acts()
-    moved[:, 2] = False
-    moved[: SETTINGS.least_acts, 2] = True
-    demonstration = np.arange(len(after))
-    alone = moved & (np.arange(3) == 2)
-    assert np.isnan(progress(after, before, alone, demonstration, SETTINGS)).all()
-    alone[SETTINGS.least_acts, 2] = True
-    assert np.isfinite(progress(after, before, alone, demonstration, SETTINGS)[: SETTINGS.least_acts + 1]).all()
-
-
 def test_a_place_where_others_leave_things_is_better_than_any_other():
     rng = np.random.default_rng(1)
     before, after = rng.uniform(size=(30, 1)), np.full((30, 1), 0.8)

@@ -30,14 +30,6 @@ def test_good_and_bad_are_labelled(kind):
     assert agrees[made.is_good == 0].max() < 0.95
 
 
-def test_order_is_random_and_of_the_seed():
-    orders = [simulate(CAR, "flip", n_good=6, n_bad=6, seed=seed).is_good for seed in (0, 0, 1, 2)]
-    np.testing.assert_array_equal(orders[0], orders[1])
-    assert len({tuple(order) for order in orders[1:]}) == 3
-    for order in orders:
-        assert 0 < order[:6].sum() < 6
-
-
 @pytest.mark.parametrize("kind", ["random", "noisy"])
 def test_same_seed_same_bits_and_another_seed_others(kind):
     first, again, other = (simulate(CAR, kind, n_good=1, n_bad=2, seed=seed) for seed in (1, 1, 2))

@@ -55,23 +55,6 @@ def test_ids_of_a_column_are_not_taken_for_numbers_of_episodes(dataset):
     assert not dataset.with_name("kept").exists()
 
 
-def test_images_and_videos_are_not_read(dataset):
-    info = json.loads((dataset / "meta" / "info.json").read_text())
-    info["features"]["observation.images.top"] = {"dtype": "video", "shape": [480, 640, 3], "names": None}
-    (dataset / "meta" / "info.json").write_text(json.dumps(info))
-    for file in (dataset / "data" / "chunk-000").iterdir():
-        table = pq.read_table(file)
-        images = pa.array([{"bytes": b"png", "path": "0.png"}] * len(table))
-        pq.write_table(table.append_column("observation.images.front", images), file)
-    ignored = formats.read_recording(dataset).description.ignored
-    assert ignored["observation.images.front"] == "images or nested values"
-    assert ignored["observation.images.top"] == "video"
-    with pytest.warns(UserWarning, match="no video of 'observation.images.top' is there"):
-        find(dataset).keep(dataset.with_name("kept"), [1, 3])
-    kept = pq.read_table(dataset.with_name("kept") / "data")
-    assert kept["observation.images.front"].to_pylist() == [{"bytes": b"png", "path": "0.png"}] * 13
-
-
 def test_lines_of_json_of_version_2(dataset):
     change_info(dataset, codebase_version="v2.1")
     (dataset / "meta" / "tasks.parquet").unlink()
