@@ -13,9 +13,7 @@ from sklearn.metrics import roc_auc_score
 from contestants import CONTESTANTS
 from contestants.ileed import ileed_loss, ileed_shapes
 from problems import make, make_continuous
-from rpil.data.errors import DataError
 
-DISCRETE_ONLY = {"ILEED"}
 RANKS = sorted(set(CONTESTANTS) - {"length"})
 SHAPE = {"n_good": 10, "n_bad": 4, "steps": (40, 60), "sharpness": 10.0}
 RANDOM = make("random", 0, **SHAPE)
@@ -38,17 +36,6 @@ def test_random_demonstrations_are_last(name):
     assert scores(name, RANDOM).shape == (14,)
     assert roc_auc_score(RANDOM.is_good, scores(name, RANDOM)) >= LEAST.get(name, 1.0)
     np.testing.assert_array_equal(CONTESTANTS[name](RANDOM.demonstrations, 0), scores(name, RANDOM))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", RANKS)
-def test_continuous_actions(name):
-    """Who can do them ranks the random last; the others say so."""
-    if name in DISCRETE_ONLY:
-        with pytest.raises(DataError, match="the actions are continuous, which it is not made for; give discrete"):
-            scores(name, CONTINUOUS)
-    else:
-        assert roc_auc_score(CONTINUOUS.is_good, scores(name, CONTINUOUS)) >= LEAST.get(name, 1.0)
 
 
 @pytest.mark.parametrize("toy", [RANDOM, CONTINUOUS], ids=["discrete", "continuous"])

@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 
 import policy_value
-from rpil.data.demonstrations import Demonstrations
-from value import cells, report
-from value.information import information
+from value import report
 from value.rules import ALL, ORACLE, RULES, Judged, told, weights_of
 from value.worlds import make_world
 
@@ -46,22 +44,6 @@ def test_a_rule_is_told_no_more_than_it_says_and_weights_are_those_by_hand(car):
     np.testing.assert_array_equal(kept["best 40 %"], np.repeat(np.isin(np.arange(12), best), lengths))
 
 
-@pytest.mark.parametrize("discrete", [False, True])
-def test_information_is_larger_where_actions_depend_on_states(discrete):
-    """Its mean over independent states and actions is 0; of a Gaussian pair it is -log(1 - r^2) / 2."""
-    rng = np.random.default_rng(0)
-    states, noise = rng.normal(size=(20, 100, 1)), rng.normal(size=(20, 100))
-    numbers = np.where(np.arange(20)[:, None] < 10, 0.9 * states[..., 0] + np.sqrt(1 - 0.81) * noise, noise)
-    actions = (numbers > 0).astype(int) if discrete else numbers[..., None]
-    scores = information(Demonstrations.from_episodes(list(zip(states, actions, strict=True))), 0)
-    assert scores[:10].min() > scores[10:].max()
-    alone = information(Demonstrations.from_episodes(list(zip(states[10:], actions[10:], strict=True))), 0)
-    assert alone.mean() == pytest.approx(0, abs=0.05)
-    if not discrete:
-        pairs = information(Demonstrations.from_episodes(list(zip(states[:10], actions[:10], strict=True))), 0)
-        assert pairs.mean() == pytest.approx(-np.log(1 - 0.81) / 2, abs=0.1)
-
-
 def cell(rule, success, seed=0, task="reach", share=0.1, **more):
     key = {"seed": seed, "n": 20, "share": share, "task": task, "learner": "linear", "rule": rule}
     key |= {"episodes": 5, "steps": 5, "success": success, "kept": 1.0, "weight_on_good": 1.0}
@@ -77,33 +59,6 @@ def test_the_report_pairs_tasks_and_seeds():
     assert report.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
     assert report.p_lower(np.array([-1.0, -2.0, -3.0])) == pytest.approx(0.0371, abs=1e-4)
     assert [report.p_lower(np.full(3, value)) for value in (-0.5, 0.0, 0.5)] == [0.0, 1.0, 1.0]
-
-
-def rows_of(rule, values, share=0.5):
-    of = {"n": 400, "share": share, "task": "disc careless", "learner": "network"}
-    return [cell(rule, value, seed, **of) for seed, value in enumerate(values)]
-
-
-def test_the_worst_cell_has_the_lowest_lower_end():
-    """A mean of -10 with a wide interval is worse than one of -20 with none; t(.975, 2) = 4.303. A seed that one rule
-    has alone is not compared."""
-    rows = rows_of(ALL, [0.8, 0.8, 0.8]) + rows_of("keep", [0.6, 0.6, 0.6])
-    rows += rows_of(ALL, [0.8] * 4, 0.9) + rows_of("keep", [0.6, 0.7, 0.8], 0.9)
-    rows += rows_of(ALL, [0.8, 0.8], 0.25) + rows_of("keep", [0.0, 0.0], 0.25)  # of too few seeds
-    found = cells.cells_of(rows)
-    assert [cell.place[-1] for cell in found] == [0.5, 0.9]
-    wide = found[1].minus_all["keep"]
-    assert (wide.mean, wide.half) == pytest.approx((-0.1, 4.3027 * 0.1 / np.sqrt(3)), abs=1e-4)
-    line = cells.worst(found).splitlines()[-1]
-    assert (
-        line == "| keep | disc, network | disc careless, 400, 90% | 80.0 | -10.0 ± 24.8 | -34.8 | 2 of 2 | 24.8 | 3 |"
-    )
-    table = cells.cell_tables(found)[0].splitlines()
-    assert table[-3:] == [
-        "| disc careless, 400, 50% | 80.0 | -20.0 ± 0.0 |",
-        "| disc careless, 400, 90% | 80.0 | -10.0 ± 24.8 |",
-        "| mean | 80.0 | -15.0 |",
-    ]
 
 
 @pytest.mark.slow

@@ -27,8 +27,9 @@ def test_audit_writes_verdicts_and_the_list_to_keep(folder):
     who = "".join(f"{m},{'abcd'[m // 3]}\n" for m in range(11))
     Path("who.csv").write_text(f"id,demonstrator\n{who}")
     files = ["--verdicts", "v.csv", "--keep", "k.json", "--weights", "w.csv", "--report", "r.html"]
-    result = call("audit", folder / "good.parquet", "--format", "json", "--demonstrators", "who.csv", *files)
-    assert result.exit_code == 0
+    words = ["audit", folder / "good.parquet", "--format", "json", "--demonstrators", "who.csv", *files]
+    assert call(*words, "--fail-on", "outlier:5").exit_code == 1, "after all output"
+    result = ok(*words, "--fail-on", "outlier:6")
     *lines, warning = result.stderr.splitlines()
     assert "w.csv: every step weighs the same, until you call one demonstration good" in warning
     assert lines == ["Weights: w.csv", "Verdicts: v.csv", "Keep: k.json", "Report: r.html"]

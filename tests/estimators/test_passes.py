@@ -12,7 +12,10 @@ from sklearn.metrics import roc_auc_score
 from problems import make, make_continuous
 from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
+from rpil.estimators import passes
 from rpil.results.vocabulary import SIDES
+from rpil.scale.fit import JudgedSample
+from rpil.scale.local import LocalEngine
 from small import SAMPLE, small_rpil
 
 
@@ -76,6 +79,20 @@ def test_labels_outside_the_sample_are_used():
     assert without["d3"] > 0 > own["d3"]
     weight = model.audit_.step_weight
     assert weight[data.offsets[3] : data.offsets[4]].max() < 0.5  # the policy is hardly taught by it
+
+
+def test_engines_judge_copies_in_the_sample_once(monkeypatch):
+    _, data = demonstrations("random")
+    rows = [data.observations, *[data.observations[: data.offsets[1]]] * 60]
+    actions = [data.actions, *[data.actions[: data.offsets[1]]] * 60]
+    offsets = np.append(data.offsets, data.offsets[-1] + data.lengths[0] * np.arange(1, 61))
+    more = Demonstrations(np.concatenate(rows), np.concatenate(actions), offsets)
+    seen = []
+    monkeypatch.setattr(passes, "JudgedSample", lambda *parts: seen.append(parts[1]) or JudgedSample(*parts))
+    here, shared = (small_rpil(engine=engine).fit(more) for engine in (None, LocalEngine(n_shards=3)))
+    np.testing.assert_array_equal(seen[0], seen[1])
+    assert sum(m == 0 or m >= len(data) for m in seen[0].tolist()) == 1
+    np.testing.assert_allclose(here.log_odds_, shared.log_odds_, rtol=1e-6, atol=1e-6)
 
 
 def test_final_policy_learns_states_outside_the_sample():

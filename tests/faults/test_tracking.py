@@ -9,7 +9,7 @@ from recordings import recording
 from rpil import Demonstrations
 from rpil.data.episodes import lay_end_to_end
 from rpil.faults.rule import Learned
-from rpil.faults.tracking import _ROLE_WORDS, relation
+from rpil.faults.tracking import relation
 
 CLEAN = recording(8, joints=4)
 
@@ -18,22 +18,6 @@ def learned(episodes, states=(), actions=()):
     observations, every, offsets, *_ = lay_end_to_end(episodes, None, "x")
     made = Demonstrations(observations, every, offsets, observation_names=states, action_names=actions)
     return Learned.of(made)
-
-
-@pytest.mark.parametrize(
-    ("name", "short"),
-    [
-        ("action.elbow.pos", "elbow.pos"),
-        ("observation.state.elbow.pos", "elbow.pos"),
-        ("state.elbow.pos", "elbow.pos"),
-        ("leader_elbow", "elbow"),
-        ("Observation 3", "3"),
-        ("action", "action"),
-        ("goal.x", "goal.x"),
-    ],
-)
-def test_names_are_compared_without_the_word_that_says_which_it_is(name, short):
-    assert _ROLE_WORDS.sub("", name.lower()) == short
 
 
 def test_pairs_are_those_of_the_same_name_in_any_order():

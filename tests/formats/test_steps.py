@@ -116,14 +116,11 @@ def test_a_process_that_is_ended_leaves_no_copy(tmp_path):
     assert not list((tmp_path / "temporary").iterdir())
 
 
-def test_a_disk_without_room_is_said_before_it_is_full(tmp_path, monkeypatch):
+def test_a_disk_without_room_and_a_folder_that_cannot_hold_the_copy_are_said(tmp_path, monkeypatch):
     pq.write_table(pa.table({"episode": ["a"] * 9, "x": [0.5] * 9, "action": [0, 1, 1] * 3}), tmp_path / "a.parquet")
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=100))
     with pytest.raises(DataError, match=r"a\.parquet: a copy .*it needs 0.00 GB, and 0.00 GB are free.*set TMPDIR"):
         read_recording(tmp_path / "a.parquet", on_disk=True)
-
-
-def test_a_folder_that_cannot_hold_the_copy_is_said(tmp_path, monkeypatch):
     (tmp_path / "a.csv").write_text(table(["a"] * 9, [0, 1, 1] * 3))
     monkeypatch.setenv("TMPDIR", str(tmp_path / "not there"))
     with pytest.raises(DataError, match=r"TMPDIR is .*not there, where no file can be written\); set TMPDIR"):

@@ -86,10 +86,7 @@ def test_those_without_a_policy_of_their_own_are_outliers(upper, own, is_noise):
     finding = "outliers" if is_noise else "a group apart"
     assert said(upper=upper, own=own) == (finding, [6, 7, 8])
     assert said(upper=upper, own=own, discrete=True) == (finding, [6, 7, 8])
-
-
-def test_the_limit_of_the_own_gain_is_an_outlier():
-    assert said(upper=1.0, own=0.5, max_own_gain=0.5)[0] == "outliers"
+    assert said(upper=1.0, own=0.5, max_own_gain=0.5)[0] == "outliers", "at the limit"
 
 
 @pytest.mark.parametrize("n_lower", [2, 3, 4, 6])

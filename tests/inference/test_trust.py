@@ -121,15 +121,12 @@ def fitted_to(score, kind=Fixed, discrete=False):
 def test_policies_are_fitted_once_more_to_a_smaller_upper_group():
     assert fitted_to([1.0] * 4 + [0.0] * 6) == [[0, 1, 2, 3, 4, 5], [0, 1, 2, 3]]
     assert fitted_to([1.0] * 5 + [0.0] * 5) == [[0, 1, 2, 3, 4, 5], [0, 1, 2, 3, 4]]
+    assert fitted_to([1.0] * 2 + [0.0] * 8)[-1] == [0, 1], "two are enough"
 
 
 @pytest.mark.parametrize("n_upper", [0, 1, 6, 8])
 def test_a_larger_upper_group_or_none_changes_nothing(n_upper):
     assert len(fitted_to(np.where(np.arange(10) < n_upper, 1.0, 0.0))) == 1
-
-
-def test_an_upper_group_of_two_is_enough():
-    assert fitted_to([1.0] * 2 + [0.0] * 8)[-1] == [0, 1]
 
 
 def test_discrete_actions_that_chance_explains_better_are_left_out():

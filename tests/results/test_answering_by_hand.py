@@ -65,27 +65,6 @@ def test_two_groups_are_told_until_answers_contrast(labels):
     assert (len(of_one.answered({0: "bad"}).notes), of_one.answered({0: "bad", 1: "good"}).notes) == (1, ())
 
 
-@pytest.mark.parametrize(
-    ("labels", "pairs", "outcome", "counts"),
-    [
-        ({0: "good"}, [], [], "1 label"),
-        ({}, [(0, 3)], [], "1 pair"),
-        ({}, [(0, 3), (1, 4)], [], "2 pairs"),
-        ({0: "good", 1: "good"}, [(0, 3)], [1.0], "2 labels, 1 pair, 1 outcome"),
-        ({0: "good"}, [], [0.0, 1.0], "1 label, 2 outcomes"),
-    ],
-)
-def test_answers_are_counted(labels, pairs, outcome, counts):
-    """Outcomes are those of the last demonstrations; they stay when answers come."""
-    outcomes = np.array([*[np.nan] * (6 - len(outcome)), *outcome])[:, None]
-    known = replace(Answers.none(6), outcomes=outcomes, names=("success",))
-    audit = two_groups(answers=known).answered(labels, pairs)
-    assert audit.assumptions[-1] == sentence(counts)
-    np.testing.assert_array_equal(audit.answers.outcomes, known.outcomes)
-    assert audit.answers.pairs.tolist() == [list(pair) for pair in pairs]
-    assert audit.answers.labels.tolist() == [int(m in labels) for m in range(6)]
-
-
 def test_the_other_demonstrations_of_a_person_are_evidence_and_a_word_agrees_with_all_of_it():
     """Ann has one demonstration that seems good, and others that are labelled bad."""
     columns = np.repeat([1.0, 0.5, 1.0, -1.0], [1, 1, 4, 6])[:, None] * np.ones((12, 2))

@@ -62,14 +62,6 @@ def test_demonstrations_that_are_alike_hardly_ever_lose_a_place(n, width, n_left
     assert alarms <= 1
 
 
-def test_nothing_is_said_where_nothing_is_left_out_or_too_few_are_kept():
-    rng = np.random.default_rng(8)
-    demonstrations = reaches(np.vstack([usual_starts(5, rng), [[0.0, 40.0]]]), rng)
-    assert lost_places(demonstrations, range(6)) == ()
-    assert lost_places(demonstrations, range(2)) == ()
-    assert lost_places(demonstrations, []) == ()
-
-
 @pytest.mark.parametrize(
     ("scale", "offset", "kind"), [(1, 0, np.float64), (10, 1234.4, np.float32), (0.1, 5e6, np.float64)]
 )

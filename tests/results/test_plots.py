@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 
 from audits import make_audit
 from rpil.data.errors import MissingExtraError
-from rpil.results import plots
 from rpil.results.vocabulary import COLOURS, SIDES
 
 
@@ -54,17 +53,6 @@ def test_ranking_shows_every_demonstration_in_order_with_its_colour() -> None:
         assert all(audit.verdicts[order[row]] == verdict for row in rows)
         np.testing.assert_array_equal(line.get_xdata(), audit.reliability[order[rows]])
     assert [text.get_text() for text in ax.get_legend().texts] == ["open (6)", "outlier (4)"]
-
-
-def test_timeline_marks_the_worst_steps_of_the_demonstration_asked_for() -> None:
-    audit = make_audit(ids="abcdefghij", lengths=[500] * 10)
-    ax = audit.plot.steps("h")
-    ratio = audit.step_log_ratio[audit.offsets[7] : audit.offsets[8]]
-    points, _, mean, marks = ax.lines
-    np.testing.assert_array_equal(points.get_ydata(), ratio)
-    np.testing.assert_allclose(mean.get_ydata(), plots.running_mean(ratio))
-    assert list(marks.get_xdata()) == audit.worst_steps(7)
-    assert ax.get_title() == "Demonstration h"
 
 
 def drawn(ax: Axes) -> dict[float, float]:

@@ -61,17 +61,6 @@ def test_parts_outside_the_sample_are_by_the_policies_of_its_parts(kind, value):
     np.testing.assert_allclose(block.side, explained[0] - explained[1])
 
 
-def test_a_tie_of_the_sample_is_a_tie_of_all():
-    _, every, sample = of_sample("flipped", np.arange(12, 36))  # as many of either
-    assert set(np.abs(sample.judgement.part)) == {0.5}
-    parts = policies_of_parts(sample.data, sample.judgement, SETTINGS)
-    block = score_block((None, every), sample.judge, parts, SETTINGS)
-    found = judge_everyone(sample, every, [block], SETTINGS).part
-    assert set(found[:24]) == {found[0]}
-    assert set(found[24:]) == {-found[0]}
-    assert abs(found[0]) == 0.5
-
-
 def test_blocks_are_joined_in_order():
     _, every, sample = of_sample("random", np.arange(36))
     halves = [replace(every, **cut(every, slice(*ends))) for ends in ((0, 10), (10, 36))]

@@ -125,12 +125,3 @@ def test_progress_by_brute_force():
             f, g = ((np.abs(x[others, c] - after[k, c]) <= SETTINGS.near).sum() for x in (after, before))
             ratios.append(np.log((f + 2 * SETTINGS.near) / (g + 2 * SETTINGS.near)))
         assert found[k] == pytest.approx(np.mean(ratios)) if ratios else np.isnan(found[k])
-
-
-def test_a_place_where_others_leave_things_is_better_than_any_other():
-    rng = np.random.default_rng(1)
-    before, after = rng.uniform(size=(30, 1)), np.full((30, 1), 0.8)
-    after[3] = 0.2
-    found = progress(after, before, np.ones((30, 1), dtype=bool), np.arange(30), SETTINGS)
-    assert found.argmin() == 3
-    assert found[3] < 0 < np.median(found)

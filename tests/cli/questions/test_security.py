@@ -68,14 +68,11 @@ def test_another_name_of_the_server_is_refused(client):
 BODY = {"version": 0, "demonstrations": [0], "key": "g"}
 
 
-def test_another_page_may_change_nothing(client):
+def test_another_page_may_change_nothing_also_by_what_a_form_can_post(client):
     for origin in (None, "null", "http://evil.example", "http://127.0.0.1", "https://127.0.0.1:{port}"):
         given = origin and origin.format(port=client.gate.port)
         for path in ("/api/answer", "/api/undo", "/api/finish"):
             assert client.ask("POST", path, BODY, origin=given)[0] == 403, (origin, path)
-
-
-def test_what_a_form_can_post_is_refused(client):
     for kind in (None, "text/plain", "application/x-www-form-urlencoded", "application/jsonx"):
         assert client.ask("POST", "/api/answer", BODY, content_type=kind)[0] == 415, kind
 
