@@ -1,5 +1,4 @@
-"""Properties of every audit: what changes nothing of the demonstrations changes no word about them. Names, files and
-order are those of tests/estimators/test_same_words.py, clusters of tests/scale/test_dask.py.
+"""Properties of every audit: what changes nothing of the demonstrations changes no word about them.
 
 Sets are drawn by hypothesis: careful people beside careless ones or ones with another rule, in classes or numbers.
 ``RPIL_EXAMPLES=100`` draws more of them for each property than the few of every day.

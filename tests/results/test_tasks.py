@@ -75,16 +75,13 @@ def test_answers_of_all_stay_but_for_pairs_of_different_tasks():
     assert joined(answers=given).answers.heard is None, "nothing was learned of them"
 
 
-def test_groups_of_one_task_are_groups_of_all_and_the_first_pair_is_asked():
+def test_groups_pair_finding_and_anchor_of_all_tasks():
     opposed = {"identifiable": False, "competing": (("a",), ("b",)), "pair": ("a", "b")}
     audit = joined({}, opposed)
     assert (audit.identifiable, audit.competing, audit.pair) == (False, (("a",), ("b",)), ("a", "b"))
     assert joined({"pair": (1, 0)}, opposed).pair == (1, 0)
     audit = joined()
     assert (audit.identifiable, audit.competing, audit.pair) == (True, (), ())
-
-
-def test_the_finding_that_says_most_and_an_anchor_that_all_share():
     audit = joined({"finding": "two groups"}, {"finding": "a group apart"})
     assert (audit.finding, audit.anchor) == ("a group apart", "none")
     assert joined({"anchor": "answers"}, {"anchor": "answers"}).anchor == "answers"
