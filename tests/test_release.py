@@ -1,4 +1,4 @@
-"""`tools/release.py`: versions that disagree, files that are missing, licences that ask for more, the list of all."""
+"""`tools/release.py`: versions that disagree, licences that ask for more, and the list of all packages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Claims without answers: the paper's draws by seed, and how words are counted."""
+"""Claims without answers: how words are counted."""
 
 from __future__ import annotations
 

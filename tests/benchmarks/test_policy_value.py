@@ -1,4 +1,4 @@
-"""The benchmark of policies: rules, what they are told, worlds, tables and cells by hand, and its quick mode."""
+"""The benchmark of policies: rules, what they are told, the report by hand, and its quick mode."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""docs/results.md: what runs, what is not run again, losses as they are, and where figures come from."""
+"""docs/results.md: what runs, what is not run again, and where figures come from."""
 
 from __future__ import annotations
 

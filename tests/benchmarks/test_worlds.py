@@ -1,4 +1,4 @@
-"""Worlds: recorded files, changes of them, simulated cells, and the point mass."""
+"""Worlds: changes of recorded sets, and tables of sequences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The weights file holds one row for each step, written block by block; and columns as a file of each kind."""
+"""The weights file holds one row for each step, written block by block."""
 
 from __future__ import annotations
 

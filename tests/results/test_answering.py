@@ -92,11 +92,6 @@ def test_of_one_side_outliers_stay_and_once_answers_contrast_nothing_of_before_d
     assert [by_answers.verdicts[m] for m in (0, 1, 9, 10)] == ["good", "good", "bad", "bad"]
 
 
-def test_no_answer_changes_nothing(audit):
-    assert audit.answered() is audit
-    assert audit.answered({}, []) is audit
-
-
 def test_a_named_adversary_learns_from_labels_in_a_fit_alone():
     with pytest.raises(DataError, match=r"give the labels to fit\(\)"):
         make_audit(anchor="named adversary", finding="mixture").answered({0: "good"})
@@ -122,7 +117,7 @@ def test_answers_that_take_the_place_of_all_are_not_none(audit):
     with refused("No answer would be left; take the audit before answered\\(\\), or call rpil.audit without any"):
         one.answered({}, instead=True)
     assert one.answered() is not audit
-    assert audit.answered({}, instead=True) is audit
+    assert audit.answered({}, []) is audit.answered({}, instead=True) is audit, "no answer changes nothing"
 
 
 def test_outcomes_alone_are_no_answers_of_yours(audit):

@@ -197,3 +197,10 @@ def test_any_error_of_the_cluster_is_one_sentence(error):
     odd.client.nthreads = partial(odd.client.result, 1.0)
     with refused("The Dask cluster: it was lost"):
         DaskEngine(odd.client).n_shards  # noqa: B018
+
+
+def test_a_cluster_without_workers_is_waited_for_no_longer():
+    odd = DaskEngine(Odd(TimeoutError("waited")), n_shards=1).place([[np.ones(3)]])
+    odd.client.wait_for_workers = lambda *_: (_ for _ in ()).throw(TimeoutError("no worker came"))
+    with refused("The Dask cluster: it was lost .*no worker came"):
+        odd.total(_steps)

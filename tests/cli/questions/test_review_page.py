@@ -1,4 +1,4 @@
-"""The page of a review in a browser: answers by keys, tabs, videos, and what is written."""
+"""The page of a review in a browser: answers by keys, and what is written."""
 
 from __future__ import annotations
 
