@@ -1,4 +1,4 @@
-"""The parts of the scripts, on results built by hand."""
+"""Names of scripts and of ablations are those that texts use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The snippets of docs/policies.md and the recipes of docs/guide.md run, and pictures show what the text says."""
+"""The snippets of docs/policies.md and the recipes of docs/guide.md run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The closed-form experts: their formulas, and the returns that they are used for."""
+"""The closed-form experts: their formulas."""
 
 from __future__ import annotations
 
