@@ -46,7 +46,7 @@ def test_times_that_are_off_are_found(rule, frames, words, severity):
     assert check(FIVE, times=Times(clock(), 50.0)).findings == ()
 
 
-@pytest.mark.parametrize("step", [1, 2, 30])
+@pytest.mark.parametrize("step", [1, 2, 30, int(FIVE.lengths[3]) - 1])
 def test_frames_are_dropped_in_the_demonstration_that_lacks_them(step):
     drop = [(3, step, 3), (4, step, 0.4)]  # the second within the limit
     (fault,) = check(FIVE, times=Times(clock(drop), 50.0)).findings

@@ -305,6 +305,15 @@ def test_a_tie_is_between_a_win_and_a_loss_and_neither_is_the_first(others):
     np.testing.assert_allclose(by_ties([(0, 8)], others), tie, atol=1e-6)
 
 
+def test_ties_across_take_words_that_ties_of_neighbours_leave():
+    wins = [(11, 0), (10, 1)]
+    alone, across, beside = (
+        judged(answers_of(pairs=wins, tied=tied)).log_odds[11] for tied in ([], [(11, 0), (10, 1)], [(0, 1), (10, 11)])
+    )
+    assert across < 0.6 * alone
+    assert beside > 0.9 * alone
+
+
 def test_ties_of_copies_count_once_or_say_nothing():
     copy_of = np.array([0, 0, 2, 2, 4, 4])
     known = answers_of(pairs=[(3, 5)], tied=[(0, 1), (0, 2), (3, 1), (2, 4), (4, 5)], m=6)
