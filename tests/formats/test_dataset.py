@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import pickle
+from itertools import chain
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 import rpil
-from recorded import demonstrations, write_files
+from recorded import demonstrations, write_files, written
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
 from rpil.formats.table import part_names
@@ -18,6 +21,18 @@ from rpil.formats.table import part_names
 def small_batches(monkeypatch):
     """Hundreds of rows fill a batch."""
     monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 130)
+
+
+@pytest.mark.parametrize("continuous", [False, True])
+def test_blocks_of_shards_that_are_sent_are_those_in_memory(tmp_path, continuous):
+    data = rpil.open(written(tmp_path, continuous=continuous), on_disk=True).demonstrations
+    sent = [pickle.dumps(shard) for shard in data.shards(4, 700)]
+    assert max(map(len, sent)) < 4000
+    blocks = chain(*map(pickle.loads, sent))
+    for ours, theirs in zip(blocks, chain(*demonstrations(continuous).shards(4, 700)), strict=True):
+        assert ours.first == theirs.first
+        for name in ("observations", "actions", "offsets"):
+            np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
 
 
 def test_files_with_other_columns_or_of_another_kind_are_refused(tmp_path):

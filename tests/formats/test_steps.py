@@ -9,6 +9,7 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -125,3 +126,10 @@ def test_a_disk_without_room_and_a_folder_that_cannot_hold_the_copy_are_said(tmp
     monkeypatch.setenv("TMPDIR", str(tmp_path / "not there"))
     with pytest.raises(DataError, match=r"TMPDIR is .*not there, where no file can be written\); set TMPDIR"):
         read_recording(tmp_path / "a.csv", on_disk=True)
+
+
+def test_lists_of_another_length_in_a_later_batch_are_refused():
+    lists = [[1.0, float(k), 2.0][: 2 + (k >= 20)] for k in range(40)]
+    rows = pa.table({"episode": np.repeat(range(4), 10), "obs": lists, "action": np.arange(40.0)})
+    with pytest.raises(DataError, match=r"demonstration 2, row 21: column 'obs\.0' has no value"):
+        formats.read(rows)

@@ -65,6 +65,7 @@ def test_actions_are_scaled_by_their_motion_within_demonstrations():
     levels = np.repeat(100.0 * np.arange(10), 40) + moving(size=2.0)
     scale = ActionScale.of(data_of(levels[:, None]))
     assert scale.spread == pytest.approx(2.0, rel=0.1)
+    np.testing.assert_allclose(scale.back(scale(levels[:, None])), levels[:, None])
 
 
 def test_one_wild_demonstration_changes_no_scale_and_is_cut_off():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from problems import fit_data_of, make, make_continuous
-from rpil.policies.folds import deal, pieces
+from rpil.policies.folds import deal, out_of_fold, pieces
 
 
 def test_fold_of_a_demonstration_does_not_depend_on_the_order_nor_on_names_of_actions():
@@ -66,6 +66,13 @@ def test_pieces_have_all_steps_and_no_labels():
     assert not cut.labels.any()
     assert cut.offsets[-1] == len(problem.actions)
     assert pieces(problem.select(np.array([0])), 10**6).lengths.max() == 1
+
+
+def test_predictions_of_a_fold_do_not_use_it():
+    fold, values = np.array([0, 2, 1, 0, 2]), np.array([1.0, 10.0, 100.0, 1000.0, 10000.0])
+    found = out_of_fold(fold, lambda k, test: np.full((test.sum(), 2), values[~test].sum() + k))
+    expected = [values[fold != k].sum() + k for k in fold]
+    np.testing.assert_array_equal(found, np.column_stack([expected, expected]))
 
 
 def with_copies(problem, numbers):

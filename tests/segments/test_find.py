@@ -125,3 +125,14 @@ def test_progress_by_brute_force():
             f, g = ((np.abs(x[others, c] - after[k, c]) <= SETTINGS.near).sum() for x in (after, before))
             ratios.append(np.log((f + 2 * SETTINGS.near) / (g + 2 * SETTINGS.near)))
         assert found[k] == pytest.approx(np.mean(ratios)) if ratios else np.isnan(found[k])
+
+
+def test_progress_of_what_few_others_move_is_unknown():
+    after, before, moved, demonstration = acts()
+    moved[:, 2] = False
+    moved[: SETTINGS.least_acts, 2] = True
+    demonstration = np.arange(len(after))
+    alone = moved & (np.arange(3) == 2)
+    assert np.isnan(progress(after, before, alone, demonstration, SETTINGS)).all()
+    alone[SETTINGS.least_acts, 2] = True
+    assert np.isfinite(progress(after, before, alone, demonstration, SETTINGS)[: SETTINGS.least_acts + 1]).all()
