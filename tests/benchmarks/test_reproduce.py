@@ -12,7 +12,7 @@ from scipy.special import logit
 import paper
 from rpil import BehavioralCloning, Demonstrations, simulate
 from study import experiments
-from study.experiments import EXPERIMENTS, METHODS, ORACLE, OURS, RAW_ORACLE, RECIPE
+from study.experiments import METHODS, ORACLE, OURS, RAW_ORACLE, RECIPE
 from study.recipe import PaperRecipe
 from study.tables import wrong
 
@@ -33,14 +33,6 @@ def found(tmp_path_factory):
     path = tmp_path_factory.mktemp("paper") / "paper.json"
     assert paper.main([*SMALL, "--json", str(path)]) == 0
     return json.loads(path.read_text())
-
-
-def test_the_experiments_are_the_papers():
-    cells = [(e.table, e.env_id.split("-")[0], e.kind) for e in EXPERIMENTS]
-    kinds = ("corrupted", "random")
-    pairs = [(env, kind) for env in ("MountainCar", "LunarLander", "Acrobot") for kind in kinds]
-    assert cells == [(n, *pair) for n, pair in enumerate(pairs, start=1)]
-    assert [e.prior for e in EXPERIMENTS] == [0.2, 0.2, 0.5, 0.5, 0.75, 0.75]
 
 
 def test_table_is_the_statistics_of_its_draws(found):
