@@ -22,12 +22,9 @@ def test_a_file_with_a_hole_is_not_read_whole(tmp_path):
         read_json(path)
 
 
-def test_lines_of_json_hold_all_characters_but_ends_of_lines():
+def test_lines_of_json_hold_all_characters_but_ends_of_lines_and_a_text_not_too_many_lists(monkeypatch):
     text = '{"task": "a\u2028b\x85c"}\r\n\n[1]\r'
     assert parse_lines(text, "x.jsonl") == [{"task": "a\u2028b\x85c"}, [1]]
-
-
-def test_json_of_too_many_lists_is_refused(monkeypatch):
     monkeypatch.setattr(json_files, "MOST_LISTS", 2)
     assert parse('{"a": []}', "x.json") == {"a": []}
     for text in ("[[], []]", b"[[{}]]"):
