@@ -162,6 +162,14 @@ def test_one_value_for_long_is_no_fault_at_first(case, frozen, saturated):
         assert [fault.severity for fault in rule.findings()] == ([2.5] if expected == 2.5 else [])
 
 
+def test_other_columns_with_the_fault_are_counted():
+    still = np.where(np.arange(M)[:, None] == 3, [[30, 13, 12]], 1)
+    ends, last = (np.full((M, 3), 0.0), np.full((M, 3), 10.0)), np.zeros((2, M), dtype=int)
+    frozen = still, np.full((M, 3), 5), still + 1, np.full((M, 3), 5.0), *ends, *last
+    (fault,) = applied(FrozenSensor, *frozen, of=columns(3)).findings()
+    assert fault.sentence.endswith("(usual: up to 12 steps); the same in 1 more column")
+
+
 @pytest.mark.parametrize(
     ("ranges", "expected"),
     [

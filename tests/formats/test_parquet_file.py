@@ -6,12 +6,13 @@ import pyarrow.parquet as pq
 import pytest
 
 import rpil
-from hostile import write_long_list
+from hostile import write_letters, write_long_list
 from rpil.data import memory
 from rpil.data.errors import DataError
 from rpil.formats import parquet_file
 from rpil.formats.parquet_file import bytes_of_groups
 from rpil.formats.registry import find
+from rpil.results.choice import read_verdicts
 
 ROWS = 500
 TABLE = pa.table(
@@ -39,10 +40,14 @@ def test_bytes_are_those_of_the_footer(tmp_path, how):
 
 
 @pytest.mark.parametrize("on_disk", [False, True])
-def test_a_list_longer_than_any_is_refused(tmp_path, on_disk):
+def test_a_list_or_a_text_longer_than_any_is_refused(tmp_path, on_disk):
     write_long_list(tmp_path / "x.parquet", 2 * 10**6)
     with pytest.raises(DataError, match=r"^x\.parquet: column 'observation\.x' has 2,000,000 numbers in a list"):
         rpil.open(tmp_path / "x.parquet", on_disk=on_disk)
+    write_letters(tmp_path / "x.parquet", 2 * 10**6)
+    for use in (rpil.read, read_verdicts):
+        with pytest.raises(DataError, match=r"^x\.parquet: column 'comment' has 2,000,000 bytes in a text"):
+            use(tmp_path / "x.parquet")
 
 
 def test_columns_that_are_kept_and_not_read_are_checked(tmp_path, monkeypatch):

@@ -11,7 +11,7 @@ import pytest
 
 import rpil
 from command_line import ok, refused
-from episode_rows import episodes, written
+from episode_rows import N, T, episodes, written
 from rpil.data.errors import DataError
 from samples import assert_same
 
@@ -99,6 +99,13 @@ def test_a_stretch_of_a_recording_is_a_demonstration(suffix, tmp_path):
     assert read.ids[:4] == ("e0 [0, 1) s", "e0 [1, 2) s", "e0 [2, 3) s", "e1 [0, 1) s")
     assert read.lengths[:4].tolist() == [10, 10, 5, 10]
     assert_same(rpil.open(path, segment=1.0, on_disk=True).demonstrations.select(slice(None)), read)
+
+
+def test_stretches_begin_again_after_a_pause_and_need_no_id():
+    clock = np.tile(np.arange(T) * 0.1, N) + 100 * np.repeat(np.arange(N), T)
+    read = rpil.read(episodes(episode=None, time_s=clock), segment=2.0, split_gap=5.0)
+    assert read.ids[:3] == ("0 [0, 2) s", "0 [2, 4) s", "1 [0, 2) s")
+    assert rpil.read(episodes(episode=None, time_s=clock), segment=600.0).ids == ("0 [0, 600) s", "0 [600, 1200) s")
 
 
 @pytest.mark.parametrize("option", ["segment", "split_gap"])
