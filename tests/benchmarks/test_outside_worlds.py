@@ -24,15 +24,6 @@ def installed(name: str) -> World:
     return world
 
 
-def test_worlds_say_where_they_come_from() -> None:
-    for name, world in WORLDS.items():
-        assert isinstance(world, World)
-        assert world.name == name
-        assert all((world.source, world.licence, world.published))
-        assert world.whole > 0
-        assert len(set(world.cells)) == len(world.cells) > 0
-
-
 @pytest.mark.parametrize(
     "name", [*PLAIN, *(pytest.param(name, marks=pytest.mark.slow) for name in WORLDS if name not in PLAIN)]
 )

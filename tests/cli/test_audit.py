@@ -67,7 +67,7 @@ def printed(audit, capsys, all_rows=False):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_an_audit_is_25_lines_of_80_columns(kind, capsys):
+def test_an_audit_is_25_lines_of_80_columns_and_with_all_rows_nothing_is_left_out(kind, capsys):
     audit = KINDS[kind]
     lines = printed(audit, capsys)
     assert len(lines) <= MAX_LINES
@@ -79,11 +79,6 @@ def test_an_audit_is_25_lines_of_80_columns(kind, capsys):
     assert (question(audit) is None) == ("Which is better" not in text)
     assert "9 recordings are odd, most of all " in text
     assert text.encode("ascii")
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_with_all_rows_nothing_is_left_out(kind, capsys):
-    audit = KINDS[kind]
     text = "\n".join(printed(audit, capsys, all_rows=True))
     assert all(str(name) in text for name in audit.ids)
     assert all(reason in text for reason in audit.reasons) or len({*audit.reasons}) == 1

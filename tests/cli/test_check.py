@@ -63,8 +63,3 @@ def test_an_audit_names_the_faults_beside_the_trust():
     assert "Odd in the recording" in page
     assert "for one step at 2.0 s" in page
     assert json.loads(ok("audit", "data.parquet", "--format", "json").stdout)["faults"]["counts"] == {"spike": 1}
-
-
-def test_what_is_refused_is_said_of_the_columns_that_were_given():
-    Path("laps.csv").write_text("lap,x,wheel\n" + "".join(f"{n // 9},{n},{n % 4}\n" for n in range(90)))
-    refused("no column holds the action", "check", "laps.csv", "--id", "lap")
