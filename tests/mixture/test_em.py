@@ -10,7 +10,7 @@ from scipy.special import log_softmax
 from problems import Toy, continuous_zoo, make, make_continuous, pooled_state, ridge, zoo
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.mixture.adversaries.discrete import Complement, Uniform
+from rpil.mixture.adversaries.discrete import Complement
 from rpil.mixture.adversaries.named import ADVERSARIES, adversary
 from rpil.mixture.em import State, e_step, lower_bound, m_step, run_em
 from rpil.mixture.expert_prior import ExpertPrior
@@ -146,16 +146,3 @@ def test_m_step_uses_soft_targets_or_the_experts_term_alone():
         np.testing.assert_allclose(log_proba, best.outputs(problem.features), atol=1e-3)
         np.testing.assert_allclose(log_proba, new.policy.outputs(problem.features), atol=1e-9)
         assert new.prior.p == pytest.approx((posterior.expert.sum() + 1) / (4 + 2))
-
-
-def test_em_recovers_true_parameters():
-    """Enough data from the model itself: the policy and the prior come back."""
-    toy = make("random", 0, n_good=60, n_bad=20, steps=(100, 100), sharpness=2.0)
-    problem = toy.problem()
-    result = run_em(problem, pooled_state(problem, "uniform"), MixtureSettings(max_iter=200, tol=1e-4))
-    truth = log_softmax(toy.observations @ toy.weights[:-1] + toy.weights[-1], axis=1)
-    found = result.posterior.outputs
-    assert (np.exp(truth) * (truth - found)).sum(axis=1).mean() < 0.01  # Kullback-Leibler, nats
-    assert result.state.prior.p == pytest.approx(0.75, abs=0.05)
-    assert isinstance(result.state.adversary, Uniform)
-    assert ((result.posterior.log_odds > 0) == toy.is_good).all()

@@ -31,12 +31,8 @@ def test_keys_as_answers(key, answer):
 
 def test_it_ends_after_four_questions_where_every_demonstration_is_good_or_bad(audit):
     def asked(now, n, most=8, pair=False):
-        given = (
-            [(audit.pair, "u", ("", "", ""))] * pair
-            + [((1,), "s", ("", "", ""))]
-            + [((2,), "g", ("", "", ""))] * (n - pair)
-        )
-        return next_question(audit, now, given, most)
+        given = [(audit.pair, "u")] * pair + [((1,), "s")] + [((2,), "g")] * (n - pair)
+        return next_question(audit, now, [(*one, ("", "", "")) for one in given], most)
 
     assert asked(audit, 3) == audit.pair
     assert asked(audit, 4) == audit.pair  # nothing was answered
