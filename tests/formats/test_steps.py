@@ -71,6 +71,13 @@ def test_text_tables(tmp_path, monkeypatch, ids, actions, decimal):
     assert_same_on_disk(tmp_path / "a.csv")
 
 
+def test_types_that_differ_between_files_become_one(tmp_path):
+    for name, times in (("a", "0123"), ("b", ["0", "0.5", "1", "1.5"])):
+        rows = [f"{name},{t},0.5,{k % 2}\n" for k, t in enumerate(times)]
+        (tmp_path / f"{name}.csv").write_text("".join(["episode,timestamp,x,action\n", *rows]))
+    assert_same_on_disk(tmp_path)
+
+
 def test_types_that_change_are_said(tmp_path, monkeypatch):
     for name in ("_HEAD_BYTES", "_BLOCK_BYTES"):
         monkeypatch.setattr(f"rpil.formats.csv.{name}", 1 << 6)
@@ -128,8 +135,14 @@ def test_a_disk_without_room_and_a_folder_that_cannot_hold_the_copy_are_said(tmp
         read_recording(tmp_path / "a.csv", on_disk=True)
 
 
-def test_lists_of_another_length_in_a_later_batch_are_refused():
-    lists = [[1.0, float(k), 2.0][: 2 + (k >= 20)] for k in range(40)]
-    rows = pa.table({"episode": np.repeat(range(4), 10), "obs": lists, "action": np.arange(40.0)})
-    with pytest.raises(DataError, match=r"demonstration 2, row 21: column 'obs\.0' has no value"):
-        formats.read(rows)
+def test_batches_are_opened_once_also_for_rows_all_over_the_file(monkeypatch):
+    file = steps.ArrowFile.of(iter([pa.table({"x": np.arange(21.0)})]), "made")
+    assert file.batch(1, ["x"]) is file.batch(1, ["x"])
+    assert file.batch(2, ["x"])["x"].to_pylist() == np.arange(14.0, 21).tolist()
+    monkeypatch.setattr(steps, "_BATCHES_AT_ONCE", 4)
+    rows, read, batch = np.random.default_rng(0).permutation(7 * 40), [], steps.ArrowFile.batch
+    file = steps.ArrowFile.of([pa.table({"x": np.arange(len(rows)) / 3})], "x")
+    monkeypatch.setattr(steps.ArrowFile, "batch", lambda *own: read.append(own) or batch(*own))
+    moved = steps.Steps(file, "x").taken(rows)
+    assert len(read) <= 40 * 40 / 4
+    assert np.array_equal(np.concatenate([one["x"] for _, one, _ in moved.tables(["x"])]), rows / 3)
