@@ -20,15 +20,12 @@ def learned(episodes, states=(), actions=()):
     return Learned.of(made)
 
 
-def test_pairs_are_those_of_the_same_name_in_any_order():
+def test_pairs_are_those_of_the_same_name_in_any_order_and_without_names_what_follows_best():
     shuffled = [(x[:, [2, 0, 3, 1]], a) for x, a in CLEAN]
     states = ("state.c", "state.a", "state.d", "state.b")
     tracked = learned(shuffled, states, ("action.a", "action.b", "action.c", "action.d")).tracked
     assert (tracked.action.tolist(), tracked.state.tolist()) == ([4, 5, 6, 7], [1, 3, 0, 2])
     assert (tracked.lag, tracked.is_command, tracked.fits.all()) == (2, True, True)
-
-
-def test_where_names_tell_nothing_what_follows_best_goes_with_an_action():
     episodes = [(np.c_[x[:, :1] ** 2, x[:, [2, 0, 3, 1]]], a) for x, a in CLEAN]
     tracked = learned(episodes, ("p", "q", "r", "s", "t"), ("a", "b", "c", "d")).tracked
     assert (tracked.action.tolist(), tracked.state.tolist()) == ([5, 6, 7, 8], [2, 4, 1, 3])

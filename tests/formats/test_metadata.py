@@ -81,9 +81,6 @@ def test_sessions_are_read_and_no_observations(tmp_path, suffix):
     assert facts(path).sessions == ()
     with refused("demonstration 0: column 'half' changes"):
         facts(path, session="half")
-
-
-def test_text_is_no_outcome(tmp_path):
     with refused("'day' is not of one number for each step; name another"):
         facts(written(tmp_path, "csv"), outcome="day")
 
