@@ -94,11 +94,20 @@ def test_ranking(written):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
 def test_audits_and_answers_leave_no_file_and_no_thread_and_growth_is_seen():
-    settled, last = soak.soak(10, 2, show=False)
-    assert soak.faults(settled, last, most_growth=0.1) == []  # ten audits are few: allocators still grow
-    before = {"MB": 200.0, "files": 8, "threads": 1}
+    first, last = soak.compared(soak.soak(10, 2, show=False))
+    assert soak.faults(first, last, most_growth=0.1) == []  # ten audits are few: allocators still grow
+    before = {"MB": 200.0, "blocks": 1000, "files": 8, "threads": 1}
     assert soak.faults(before, before | {"MB": 203.9}) == []
-    assert len(soak.faults(before, {"MB": 204.1, "files": 9, "threads": 2})) == 3
+    assert len(soak.faults(before, {"MB": 204.1, "blocks": 1021, "files": 9, "threads": 2})) == 4
+
+
+def test_growth_is_seen_below_the_noise_of_resident_memory_and_noise_is_none():
+    noise = np.resize([-5.0, 0.0, 5.0], 50)
+    still, growing = (
+        [{"MB": 200 + up * k + noise[k], "blocks": 1, "files": 1, "threads": 1} for k in range(50)] for up in (0, 0.2)
+    )
+    assert soak.faults(*soak.compared(still)) == []
+    assert [fault[:3] for fault in soak.faults(*soak.compared(growing))] == ["MB:"]
 
 
 def test_ablations(written, monkeypatch):
