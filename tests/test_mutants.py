@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -60,6 +61,14 @@ def test_each_module_has_its_own_tests_and_those_beside():
     assert named["trust"] == ["inference/test_trust.py"]
     assert {"inference/test_outliers.py", "inference/test_trust.py"} <= {*named["outliers"]}
     assert TOOL["tests_of"]("answering")[-2:] == ["-m", "not slow"]
+
+
+def test_every_night_takes_every_room_and_a_room_takes_its_modules():
+    root = TOOL["ROOT"]
+    listed = re.search(r"room: \[(.+)\]", (root / ".github/workflows/nightly.yml").read_text())[1].split(", ")
+    assert sorted(listed) == sorted(path.parent.name for path in (root / "src" / "rpil").glob("*/__init__.py"))
+    assert {"numerics/blocks", "numerics/newton"} <= {*TOOL["modules_of"]("numerics")}
+    assert {*TOOL["JUDGE"], "inference/findings"} <= {*TOOL["modules_of"]("inference")}
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,8 @@ Usage
 -----
 ``python tools/mutants.py`` makes 40 random mutants of each module of `ROOMS`, runs its tests on each, and prints the
 survivors, by line, and the share that was killed. ``--modules outliers,data/text`` names others, with their room where
-they are not in `ROOMS`; ``--tests cli/test_keep_rules.py`` more tests of each; ``--sample N`` (0 for all),
+they are not in `ROOMS`; ``--rooms numerics,scale`` takes all modules of a room that have tests of their name, as every
+night does with each room; ``--tests cli/test_keep_rules.py`` more tests of each; ``--sample N`` (0 for all),
 ``--seed S``, ``--jobs J``. The exit code is 1 where fewer than `GOAL` are killed.
 
 Notes
@@ -235,6 +236,16 @@ def tests_of(module: str, *more: str) -> list[str]:
     ]
 
 
+def modules_of(room: str) -> Iterator[str]:
+    """The modules of a room that have tests of their name, each by the name that it has in `ROOMS`."""
+    library = ROOT / "src" / "rpil"
+    for path in sorted((library / room).rglob("*.py")):
+        module = path.relative_to(library).with_suffix("").as_posix()
+        short = path.stem if ROOMS.get(path.stem) == room else module
+        if path.stem != "__init__" and any(name.endswith(".py") for name in tests_of(short)):
+            yield short
+
+
 def passes(module: str, source: str | None, more: Sequence[str] = ()) -> bool:
     """Whether the tests pass on the library, with another source of the module."""
     with TemporaryDirectory() as folder:
@@ -282,12 +293,14 @@ def main() -> None:
     """Print the survivors of each module and the share that was killed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--modules", default=",".join(ROOMS))
+    parser.add_argument("--rooms", default="")
     parser.add_argument("--tests", default="")
     parser.add_argument("--sample", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     chosen = parser.parse_args()
-    modules, more = chosen.modules.split(","), [name for name in chosen.tests.split(",") if name]
+    rooms = [module for room in chosen.rooms.split(",") if room for module in modules_of(room)]
+    modules, more = rooms or chosen.modules.split(","), [name for name in chosen.tests.split(",") if name]
     for module in modules:
         if not path_of(module).is_file():
             sys.exit(f"{path_of(module)} is not there; write ROOM/NAME for a module.")
