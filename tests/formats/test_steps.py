@@ -104,8 +104,11 @@ def test_copies_are_removed_with_their_rows(tmp_path, monkeypatch):
     assert not list((tmp_path / "temporary").iterdir())
 
 
-def test_small_blocks_open_a_batch_once():
-    file = steps.ArrowFile.of(iter([pa.table({"x": np.arange(21.0)})]), "made")
+def test_small_blocks_open_a_batch_once_whose_columns_are_mapped():
+    file = steps.ArrowFile.of(iter([pa.table({"x": np.arange(21.0), "y": np.arange(21.0)})]), "made")
+    allocated = pa.total_allocated_bytes()
+    assert file.batch(0, ["x"]).nbytes == 56
+    assert pa.total_allocated_bytes() == allocated
     assert file.batch(1, ["x"]) is file.batch(1, ["x"])
     assert file.batch(2, ["x"])["x"].to_pylist() == np.arange(14.0, 21).tolist()
 
