@@ -57,7 +57,7 @@ def test_licences_are_permissive_and_the_bill_of_materials_names_every_package_a
     found = TOOL["dependencies"](())
     assert {"numpy", "scipy", "scikit-learn", "pyarrow", "click", "rich", "jinja2", "joblib"} <= set(found)
     assert TOOL["licence_faults"](found) == []
-    strict = {"one": {"licence": "GPL-3.0-only"}, "two": {"licence": ""}}
+    strict = {"one": {"licence": "GPL-3.0-only"}, "two": {"licence": ""}, "nvidia-x": {"licence": "own"}}
     assert len(TOOL["licence_faults"](strict)) == 2
     bill = TOOL["bill_of_materials"](found)
     assert (bill["bomFormat"], bill["specVersion"]) == ("CycloneDX", "1.6")
