@@ -13,10 +13,12 @@ import pytest
 
 import ablations
 import claims
+import episodes
 import ranking
 import soak
 import speed
 from rpil import Demonstrations, formats, simulate
+from speed_audits import lerobot_folder
 
 pytestmark = pytest.mark.slow
 ARGUMENTS = {
@@ -171,3 +173,16 @@ def test_speed(written):
     assert details["same_norm"]
     assert max(norms[name] for name in names) <= 2 * norms["ours"] <= 2e-6
     assert details["auroc"] == 1.0
+
+
+def test_episodes(tmp_path):
+    folder = lerobot_folder(tmp_path / "made", 20, 100, 4)
+    here, disk = (episodes.in_a_process(folder, place) for place in ("in memory", "from disk"))
+    assert here["words"] == disk["words"]
+    assert disk["seconds"] > 0
+    assert 0.05 < disk["GB"] < 2
+    sizes = {n: {"seconds": 36e-3 * n, "GB": n / 1e6} for n in (100, 10, 1000)}
+    fits = {str(n): dict.fromkeys(episodes.PLACES, size) for n, size in sizes.items()}
+    rows = episodes.markdown(fits).splitlines()
+    assert [row.split(" |")[0] for row in rows[2:5]] == ["| 10", "| 100", "| 1,000"]
+    assert rows[5].endswith("| 100.0 h, 10 GB | 100.0 h, 10 GB | 100.0 h, 10 GB |")
