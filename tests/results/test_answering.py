@@ -11,8 +11,7 @@ from audits import make_audit
 from problems import make, refused
 from rpil import RPIL, DataError
 from rpil.inference.answers import Answers
-from rpil.inference.witnesses import Witnesses
-from rpil.results.answering import doubts_of_witnesses, shown_proba, with_answers
+from rpil.results.answering import shown_proba, with_answers
 from rpil.results.record import Audit
 
 TOY = make("random", 2, n_good=9, n_bad=4, steps=(20, 20))
@@ -103,24 +102,6 @@ def test_a_named_adversary_learns_from_labels_in_a_fit_alone():
         make_audit(anchor="named adversary", finding="mixture").answered({0: "good"})
 
 
-def test_every_label_is_obeyed_whatever_the_other_labels_say():
-    toy, operators = make("random", 0, n_good=10, n_bad=10, steps=(30, 30)), ["a"] * 10 + ["b"] * 10
-    audit = RPIL().fit(toy.demonstrations, demonstrators=operators).audit_
-    for seed in range(6):
-        rng = np.random.default_rng(seed)
-        chosen = rng.choice(20, rng.integers(1, 12), replace=False)
-        labels = {audit.ids[m]: str(rng.choice(["good", "bad"])) for m in chosen}
-        judged = audit.answered(labels)
-        assert {name: judged.verdicts[judged.index(name)] for name in labels} == labels
-        odds = {word: [judged.log_odds[judged.index(m)] for m in labels if labels[m] == word] for word in WORD}
-        others = ~np.isin(judged.ids, judged.labelled)
-        assert min(odds["good"], default=np.inf) >= judged.log_odds.max(initial=-np.inf, where=others)
-        assert max(odds["bad"], default=-np.inf) <= judged.log_odds.min(initial=np.inf, where=others)
-
-
-WORD = ("good", "bad")
-
-
 def test_a_probability_claims_no_more_than_the_words():
     log_odds, words = np.array([5.0, 5.0, 1.0, -0.5, -7.0, -7.0]), np.array([1, 0, 0, -1, 0, -1])
     proba = shown_proba(log_odds, words, "outliers", 0.9)
@@ -156,14 +137,3 @@ def test_outcomes_alone_are_no_answers_of_yours(audit):
         several = replace(known, outcomes=np.zeros((13, len(names))), names=names)
         with refused(f"The outcome {twice} is given with and without a minus; leave one of them out"):
             with_answers(audit, several)
-
-
-def test_an_outcome_without_a_name_is_the_outcome():
-    said = Witnesses(np.zeros((3, 2)), np.array([0.1, 0.9]), np.array([1.0, -1.0]))
-    for names, called in (
-        (("outcome", "outcome"), ("the outcome", "The outcome")),
-        (("a", "b"), ("the outcome a", "The outcome b")),
-    ):
-        first, second = doubts_of_witnesses(said, replace(Answers.none(3), names=names))
-        assert first == f"No answer and no other outcome confirms {called[0]}, so it counts for little."
-        assert second == f"{called[1]} contradicts the other answers: less of it counts as better."

@@ -182,13 +182,6 @@ def test_words_of_a_named_adversary_are_read_and_unknown_ones_refused():
         choose(table | {"rejected_by": ["", "answers", "me"]})
 
 
-def test_a_table_with_a_longer_column_is_refused():
-    """No row is left out in silence."""
-    for column, asked in (("verdict", Asked()), ("label", Asked(share=0.5)), ("label", Asked(at_least=0.5))):
-        with pytest.raises(ValueError, match="longer"):
-            choose(TABLE | {column: ["open"] * 6}, asked)
-
-
 def test_labels_are_verdicts(tmp_path):
     (tmp_path / "labels.csv").write_text("id,label\n3,good\n4,bad\n5,expert\n")
     for name in ("labels.csv",):
@@ -197,13 +190,6 @@ def test_labels_are_verdicts(tmp_path):
         assert choose(table).rejected == {"labels": ("4",)}
         with pytest.raises(DataError, match="no numbers in log_odds"):
             kept(table, share=0.5)
-
-
-def test_a_table_of_one_row_and_ids_that_only_a_spreadsheet_would_change(tmp_path):
-    (tmp_path / "v.json").write_text(json.dumps([{"id": "'=1", "verdict": "open"}]))
-    (tmp_path / "v.csv").write_text("id,verdict\n'=1,open\n")
-    assert read_verdicts(tmp_path / "v.json")["id"] == ["'=1"]
-    assert read_verdicts(tmp_path / "v.csv")["id"] == ["=1"]
 
 
 def test_a_choice_as_lists_and_lines():
@@ -237,14 +223,6 @@ def test_what_was_written_to_keep_is_carried_out_by_its_rules(tmp_path):
         assert ({*again.kept}, again.rejected) == ({*choice.kept}, choice.rejected)
         assert {*choice.kept}.isdisjoint([4] if asked.faulty == {"4"} else [])
     assert 1 in choice.kept, "spared, though it is labelled bad"
-
-
-def test_a_list_to_keep_that_is_none_is_refused(tmp_path):
-    path = tmp_path / "keep.json"
-    for episodes, rejected in ((None, {}), (3, {}), ([[1]], {}), ([], {"labels": 3}), ([{}], {})):
-        path.write_text(json.dumps({"episodes": episodes, "rejected": rejected}))
-        with pytest.raises(DataError, match=r"keep\.json"):
-            read_verdicts(path)
 
 
 @pytest.mark.parametrize(

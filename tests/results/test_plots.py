@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -40,23 +39,6 @@ def test_a_picture_is_drawn_on_given_axes_or_on_new_ones_and_needs_an_extra(monk
     for picture in pictures:
         with pytest.raises(MissingExtraError, match=r"^To draw a picture needs an optional package.*rpil\[plot\]"):
             picture()
-
-
-def test_names_are_text_and_not_formulas(tmp_path: Path) -> None:
-    audit = make_audit(("open", "outlier"), ids=("$\\frac$ \ud800", "cost $5$ \x07"))
-    shown = audit.plot.ranking()
-    assert r"cost $5$ \x07" in {text.get_text() for text in shown.get_yticklabels()}
-    assert audit.plot.steps().title.get_text() == r"Demonstration cost $5$ \x07"
-    shown.figure.savefig(tmp_path / "picture.svg")
-    assert "cost $5$" in (tmp_path / "picture.svg").read_text(encoding="utf-8")
-
-
-def test_running_mean_is_the_mean_of_the_window_cut_at_the_ends() -> None:
-    values = np.array([1.0, 2.0, 6.0, 3.0])
-    np.testing.assert_allclose(plots.running_mean(values), values)
-    many = np.random.default_rng(0).normal(size=60)
-    expected = [many[max(k - 1, 0) : k + 2].mean() for k in range(60)]
-    np.testing.assert_allclose(plots.running_mean(many), expected)
 
 
 def test_ranking_shows_every_demonstration_in_order_with_its_colour() -> None:

@@ -10,7 +10,6 @@ from rpil.estimators.within_tasks import split_by_task
 from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
 from rpil.results.judged import ALONE
-from rpil.results.record import Interval
 from rpil.results.tasks import join_audits
 
 IDS, NAN = (0, "a", 1, "b", "c"), np.nan
@@ -92,15 +91,6 @@ def test_the_finding_that_says_most_and_an_anchor_that_all_share():
     assert joined({"anchor": "answers"}, {}).anchor == "none"
 
 
-def test_the_prior_is_the_mean_over_demonstrations():
-    one = make_audit(("open",), lengths=[1], prior=Interval(0.1, 0.0, 0.2))
-    three = make_audit(("open",) * 3, lengths=[1] * 3, prior=Interval(0.5, 0.4, 0.8))
-    places = {"one": [0], "three": [1, 2, 3]}
-    prior = join_audits({"one": one, "three": three}, places, range(4), np.arange(5), Answers.none(4)).prior
-    assert (prior.mean, prior.low, prior.high) == pytest.approx((0.4, 0.3, 0.65))
-    assert join_audits({}, {"": [0]}, [0], np.arange(2), Answers.none(1)).prior == Interval(0.5, 0.0, 1.0)
-
-
 @pytest.mark.parametrize(
     ("tasks", "sessions", "places"),
     [
@@ -142,12 +132,3 @@ def test_a_demonstration_that_is_alone_and_failed_is_bad():
     audit = joined({"answers": flags.select([0, 2])}, answers=flags)
     assert (audit.verdicts[4], audit.reasons[4], audit.rejected_by[4]) == ("bad", "success = 0.", "outcome")
     assert audit.verdicts[2] == "open", "of those that were judged their tasks decide"
-
-
-def test_a_note_names_five_tasks_at_most():
-    noted = make_audit(("open",), lengths=[1], notes=("Part 3 rests.",))
-    audits = {f"block\x1b {k}": noted for k in range(9)} | {"other": make_audit(("open",), lengths=[1])}
-    places = {task: [m] for m, task in enumerate(audits)}
-    audit = join_audits(audits, places, range(10), np.arange(11), Answers.none(10))
-    names = ", ".join(rf"block\x1b {k}" for k in range(5))
-    assert audit.notes == (f"{names} and 4 more: Part 3 rests.",)
