@@ -13,12 +13,10 @@ import pytest
 
 import ablations
 import claims
-import episodes
 import ranking
 import soak
 import speed
 from rpil import Demonstrations, formats, simulate
-from speed_audits import lerobot_folder
 
 pytestmark = pytest.mark.slow
 ARGUMENTS = {
@@ -103,15 +101,6 @@ def test_audits_and_answers_leave_no_file_and_no_thread_and_growth_is_seen():
     assert len(soak.faults(before, {"MB": 204.1, "blocks": 1021, "files": 9, "threads": 2})) == 4
 
 
-def test_growth_is_seen_below_the_noise_of_resident_memory_and_noise_is_none():
-    noise = np.resize([-5.0, 0.0, 5.0], 50)
-    still, growing = (
-        [{"MB": 200 + up * k + noise[k], "blocks": 1, "files": 1, "threads": 1} for k in range(50)] for up in (0, 0.2)
-    )
-    assert soak.faults(*soak.compared(still)) == []
-    assert [fault[:3] for fault in soak.faults(*soak.compared(growing))] == ["MB:"]
-
-
 def test_ablations(written, monkeypatch):
     chosen = (ablations.DEFAULT, "no group lies apart (min_distance 1e9)")
     monkeypatch.setattr(ablations, "RULES", {name: ablations.RULES[name] for name in chosen})
@@ -176,7 +165,8 @@ def test_speed(written):
 
 
 def test_episodes(tmp_path):
-    folder = lerobot_folder(tmp_path / "made", 20, 100, 4)
+    episodes = importlib.import_module("episodes")
+    folder = importlib.import_module("speed_audits").lerobot_folder(tmp_path / "made", 20, 100, 4)
     here, disk = (episodes.in_a_process(folder, place) for place in ("in memory", "from disk"))
     assert here["words"] == disk["words"]
     assert disk["seconds"] > 0
@@ -186,3 +176,12 @@ def test_episodes(tmp_path):
     rows = episodes.markdown(fits).splitlines()
     assert [row.split(" |")[0] for row in rows[2:5]] == ["| 10", "| 100", "| 1,000"]
     assert rows[5].endswith("| 100.0 h, 10 GB | 100.0 h, 10 GB | 100.0 h, 10 GB |")
+
+
+def test_growth_is_seen_below_the_noise_of_resident_memory_and_noise_is_none():
+    noise = np.resize([-5.0, 0.0, 5.0], 50)
+    still, growing = (
+        [{"MB": 200 + up * k + noise[k], "blocks": 1, "files": 1, "threads": 1} for k in range(50)] for up in (0, 0.2)
+    )
+    assert soak.faults(*soak.compared(still)) == []
+    assert [fault[:3] for fault in soak.faults(*soak.compared(growing))] == ["MB:"]
