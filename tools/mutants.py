@@ -15,8 +15,9 @@ A mutant has one change: a comparison, an operator of arithmetic or logic, `min`
 one larger or twice as large, a negation left out, or a result that is replaced by None or turned round. Docstrings,
 annotations, and defaults of settings are left as they are. Each mutant is a copy of the library in an empty folder, and
 is killed where ``pytest -x`` fails on ``tests/ROOM/test_MODULE*.py`` and the file of `MORE_TESTS`, or takes longer than
-`SECONDS`; slow tests are left out, but for the judge. These run in a fork of a process that has imported the libraries
-of others, but nothing of rpil: most of the time would be spent on that. The tests must pass on the library as it is.
+`SECONDS`; slow tests are left out, but for the judge and where all are slow. They run in a fork of a process that has
+imported the libraries of others, but nothing of rpil: most of the time would be spent on that. The tests must pass on
+the library as it is.
 
 Some mutants are no faults. `EQUIVALENT` holds them, and says why.
 """
@@ -284,7 +285,10 @@ def run(folder: str, tests: list[str]) -> None:
         os.chdir(ROOT)
         sys.path.insert(0, folder)
         sys.dont_write_bytecode = True
-        code = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--tb=no", "--assert=plain", *tests]))
+        options = ["-x", "-q", "-p", "no:cacheprovider", "--tb=no", "--assert=plain"]
+        code = int(pytest.main([*options, *tests]))
+        if code == pytest.ExitCode.NO_TESTS_COLLECTED:
+            code = int(pytest.main([*options, *(word for word in tests if word not in ("-m", "not slow"))]))
     finally:
         os._exit(code)
 

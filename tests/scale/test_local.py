@@ -13,7 +13,7 @@ import pytest
 
 from rpil.data.errors import DataError
 from rpil.scale import local
-from rpil.scale.local import LocalEngine, StepFile
+from rpil.scale.local import LocalEngine, StepFile, gathered
 from rpil.scale.protocol import Engine, Shards
 
 
@@ -64,6 +64,7 @@ def test_what_is_written_by_blocks_is_read_by_blocks_and_whole(monkeypatch, tmp_
     for steps in (slice(0, 4), slice(4, 5), slice(5, 9)):
         file.append(tuple(array[steps] for array in arrays))
     parts, whole = [file.read(steps) for steps in file.blocks], file.read(slice(0, 9))
+    np.testing.assert_array_equal(gathered([arrays[2][:4], arrays[2][4:]], 9), arrays[2])
     assert not list(tmp_path.iterdir())  # the file has no name, so that nothing is left where a process is killed
     del file
     gc.collect()
