@@ -172,10 +172,3 @@ def test_lists_of_another_length_in_a_later_batch_are_refused():
     rows = pa.table({"episode": np.repeat(range(4), 10), "obs": lists, "action": np.arange(40.0)})
     with pytest.raises(DataError, match=r"demonstration 2, row 21: column 'obs\.0' has no value"):
         formats.read(rows)
-
-
-def test_columns_of_a_batch_are_mapped_and_not_copied():
-    file = steps.ArrowFile.of(iter([pa.table({"x": np.arange(21.0), "y": np.arange(21.0)})]), "made")
-    allocated = pa.total_allocated_bytes()
-    assert file.batch(0, ["x"]).nbytes == 56
-    assert pa.total_allocated_bytes() == allocated

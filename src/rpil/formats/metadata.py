@@ -110,8 +110,6 @@ def pairs_of(steps: Steps, name: str | None) -> list[tuple[str, object]]:
         return []
     values, codes = encoded(steps.read([name])[name])
     each = np.repeat(np.arange(len(steps.ids)), np.diff(steps.offsets))
-    heads = np.append(0, np.flatnonzero((each[1:] != each[:-1]) | (codes[1:] != codes[:-1])) + 1)
-    each, codes = each[heads], codes[heads]  # of runs, which are fewer than rows
     _, first = np.unique(each * (len(values) + 1) + codes, return_index=True)
     values = [int(v) if isinstance(v, float) and are_whole(np.array([v])) else v for v in values] + [None]
     owners = each[np.sort(first)]
@@ -167,7 +165,7 @@ def usual_step(steps: Array) -> float | None:
 
 def find_clock(steps: Steps, columns: Columns) -> Clock | None:
     """The first column of time whose unit is known, or else one that is called so; None where there is none."""
-    named, found = [name for name in columns.all if plain_name(name) in TIMESTAMP], None
+    named, found = [name for name in columns.all if plain_name(name) in TIMESTAMP], list[Clock]()
     table = steps.read([*columns.orders, *named, *columns.times])  # the likeliest first
     for name in table.column_names:
         missing = np.asarray(table[name].is_null(nan_is_null=True).to_numpy(), dtype=bool)
@@ -176,12 +174,12 @@ def find_clock(steps: Steps, columns: Columns) -> Clock | None:
             continue
         ticks = np.full(len(missing), np.nan)
         ticks[~missing] = values - values.min()
-        clock, is_named = Clock(ticks, unit_of(name, table[name].type, values)), plain_name(name) in TIMESTAMP
-        if clock.unit is None:
-            found = found or (clock if is_named else None)
-        elif is_named or ((np.diff(ticks) > 0).any() and not (clock.lengths(steps.offsets) < 0).any()):
-            return clock
-    return found
+        clock = Clock(ticks, unit_of(name, table[name].type, values))
+        is_named = plain_name(name) in TIMESTAMP
+        passes = (np.diff(ticks) > 0).any() and not (clock.lengths(steps.offsets) < 0).any()
+        if is_named or (clock.unit is not None and passes):
+            found.append(clock)
+    return next((clock for clock in found if clock.unit is not None), found[0] if found else None)
 
 
 def unit_of(name: str, kind: pa.DataType, values: Array) -> float | None:

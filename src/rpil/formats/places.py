@@ -9,6 +9,7 @@ from dataclasses import replace
 from itertools import repeat
 
 import numpy as np
+import pyarrow as pa
 
 from rpil.data.arrays import Id, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
@@ -35,14 +36,15 @@ def find_places(rows: Steps, columns: Columns) -> tuple[Steps, Columns]:
     if columns.options.split_gap or columns.options.segment:
         names_of, group = shorter(names_of, group, rows, columns)
         columns = replace(columns, parts=(), id_chosen=True)
+    table = rows.read([*columns.orders, *columns.parts])
 
     def at(row: int) -> str:
         m = int(group[row])
         return replace(rows, ids=(names_of[m],), offsets=np.array([row])).place_of(row, 0)
 
     _check_ids(names_of, group, columns, rows.source)
-    order, words, values = _find_order(rows, columns, group, at)
-    _check_one_id(rows, columns, group, order, at)
+    order, words, values = _find_order(table, columns, group, at)
+    _check_one_id(table, columns, group, order, at)
     chosen, offsets, moved = group_rows(group, values)
     ids = as_ids([names_of[k] for k in chosen.tolist()], rows.source)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
@@ -78,7 +80,7 @@ def in_two_files(m: Id, first: str, second: str, source: str) -> DataError:
     return DataError(f"{source}, demonstration {m!r}: it is both in {first} and in {second}; {remedy}.")
 
 
-def _find_order(steps: Steps, columns: Columns, group: Array, at: Place) -> tuple[str | None, str, Array | None]:
+def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> tuple[str | None, str, Array | None]:
     """By the first of the likely columns that tells the steps of every demonstration apart; its values, to sort by.
 
     `group` (N,) numbers the demonstration of each row. A `DataError` where the user named a column that does not.
@@ -86,11 +88,11 @@ def _find_order(steps: Steps, columns: Columns, group: Array, at: Place) -> tupl
     by_group = np.argsort(group, kind="stable") if np.any(group[1:] < group[:-1]) else slice(None)
     same = group[by_group][1:] == group[by_group][:-1]
     fault = ""
-    for name, column in ((name, steps.read([name])[name]) for name in columns.orders):
-        values, said = flat.order_values(column), "values that are missing, or neither numbers nor times"
+    for name in columns.orders:
+        values, said = flat.order_values(table[name]), "values that are missing, or neither numbers nor times"
         if values is not None:
             step, said = values[by_group], "repeated values within a demonstration"
-            if np.all((step[1:] > step[:-1]) | ~same):
+            if np.all(step[1:][same] > step[:-1][same]):
                 return name, f"steps in the order of {name}", values
             rows = np.lexsort([values, group])
             twice = np.flatnonzero((values[rows][1:] == values[rows][:-1]) & (group[rows][1:] == group[rows][:-1]))
@@ -128,18 +130,18 @@ def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str)
         raise DataError(f"{source}: {name!r} {said}; {ways}.", ("id", "split_gap"))
 
 
-def _check_one_id(steps: Steps, columns: Columns, group: Array, order: str | None, at: Place) -> None:
+def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: str | None, at: Place) -> None:
     """A `DataError` where the rows of one id seem to be several demonstrations, as where each session counts its own.
 
     They are one where a column gives the order of its rows, unless they lie together only by a second column.
     """
-    begins = group[np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)]  # of runs, which are fewer than rows
-    n_ids = len(np.unique(begins))
-    for name in columns.parts if order is None or len(begins) > n_ids else ():
-        codes = flat.encoded(steps.read([name])[name])[1]
+    for name in columns.parts:
+        n_ids = len(np.unique(group))
+        codes = flat.encoded(table[name])[1]
         pair = group.astype(np.int64) * (len(codes) + 1) + codes
         pairs, first = np.unique(pair, return_index=True)
-        together = 1 + np.count_nonzero(np.diff(pair)) == len(pairs) and len(begins) > n_ids
+        n_runs, n_runs_of_ids = (1 + np.count_nonzero(np.diff(numbers)) for numbers in (pair, group))
+        together = n_runs == len(pairs) and n_runs_of_ids > n_ids
         if n_ids < len(pairs) <= len(group) / 2 and (order is None or together):
             rows = np.sort(first)
             row = int(rows[np.flatnonzero(np.isin(rows, np.unique(group, return_index=True)[1], invert=True))[0]])

@@ -58,9 +58,10 @@ class ArrowFile:
         """Some columns of a batch; its pages are mapped into memory for as long as the table is there."""
         if self._last is not None and self._last[0] == (number, *columns):  # which small blocks ask for again
             return self._last[1]
+        fields = sorted(self.schema.get_field_index(name) for name in columns)
         with guarded(self.path), pa.memory_map(self.path) as mapped:
-            batch = pa.ipc.open_file(mapped).get_batch(number)  # some fields alone would be copied, with all the others
-            table = pa.Table.from_batches([batch]).select(columns)
+            reader = pa.ipc.open_file(mapped, options=pa.ipc.IpcReadOptions(included_fields=fields))
+            table = pa.Table.from_batches([reader.get_batch(number)]).select(columns)
         self._last = (number, *columns), table
         return table
 
