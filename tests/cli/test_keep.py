@@ -31,8 +31,6 @@ def test_keep_by_its_own_audit_and_by_an_earlier_one(folder):
         assert pq.read_schema("kept.parquet").equals(pq.read_schema(data), check_metadata=True)
     ok("keep", data, "-o", "most.parquet", "--verdicts", "v.csv", "--share", "0.75")
     assert len(rpil.read("most.parquet")) == 9
-    ok("keep", data, "-o", "sure.parquet", "--verdicts", "v.csv", "--at-least", "0")
-    assert len(rpil.read("sure.parquet")) == 10
 
 
 def test_keep_names_what_leaving_out_loses():

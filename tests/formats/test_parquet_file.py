@@ -12,7 +12,6 @@ from rpil.data.errors import DataError
 from rpil.formats import parquet_file
 from rpil.formats.parquet_file import bytes_of_groups
 from rpil.formats.registry import find
-from rpil.results.choice import read_verdicts
 
 ROWS = 500
 TABLE = pa.table(
@@ -54,9 +53,8 @@ def test_a_list_longer_than_any_is_refused(tmp_path, on_disk):
 
 def test_a_text_longer_than_any_is_refused(tmp_path):
     write_letters(tmp_path / "x.parquet", 2 * 10**6)
-    for use in (rpil.read, read_verdicts):
-        with pytest.raises(DataError, match=r"^x\.parquet: column 'comment' has 2,000,000 bytes in a text"):
-            use(tmp_path / "x.parquet")
+    with pytest.raises(DataError, match=r"^x\.parquet: column 'comment' has 2,000,000 bytes in a text"):
+        rpil.read(tmp_path / "x.parquet")
 
 
 def test_columns_that_are_kept_and_not_read_are_checked(tmp_path, monkeypatch):

@@ -285,9 +285,7 @@ def about(run: AuditRun) -> About:
     )
 
 
-def choice_asked(
-    options: RunOptions, report: FaultReport | None, share: float | None = None, at_least: float | None = None
-) -> Asked:
+def choice_asked(options: RunOptions, report: FaultReport | None, share: float | None = None) -> Asked:
     """The choice that a user asks for; a line on stderr where a named rule could not be applied."""
     from rpil.results.choice import Asked
 
@@ -295,7 +293,7 @@ def choice_asked(
     for rule in filter(unknown.__contains__, options.without_faults):
         click.echo(f"note: --without-faults: {rule} was not checked, because {unknown[rule]}.", err=True)
     faulty = {str(fault.id) for fault in faults if fault.rule in options.without_faults}
-    return Asked(share, at_least, faulty)
+    return Asked(share, faulty)
 
 
 def tell_if_too_many(audit: Audit, limit: str) -> int:

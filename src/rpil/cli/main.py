@@ -125,30 +125,18 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
 )
 @click.option("--share", metavar="S", type=click.FloatRange(0, 1, min_open=True), help="Keep this share, as .8.")
 @click.option(
-    "--at-least", metavar="P", type=click.FloatRange(0, 1), help="Keep those with a probability of P or more."
-)
-@click.option(
     "--verdicts",
     type=click.Path(),
     metavar="FILE",
-    help="Judge nothing, and keep by this file: the table of rpil audit --verdicts, the list of --keep, or labels.",
+    help="Judge nothing, and keep by this file: the CSV of rpil audit --verdicts, the list of --keep, or labels.",
 )
 @with_options(faults_option, *JUDGE_OPTIONS)
-def keep(
-    file: str,
-    output: str,
-    share: float | None,
-    at_least: float | None,
-    verdicts: str | None,
-    **options: Any,
-) -> None:
+def keep(file: str, output: str, share: float | None, verdicts: str | None, **options: Any) -> None:
     """Write demonstrations to a new file of the same format, without those that are bad; or, to ids.json, their list.
 
     Bad ones are those that you label bad and those with an outcome of 0. After two answers that contrast, they are also
-    those that the audit calls bad. All others are kept, unless --share or --at-least says otherwise.
+    those that the audit calls bad. All others are kept, unless --share says otherwise.
     """
-    if share is not None and at_least is not None:
-        raise click.UsageError("--share and --at-least exclude each other: leave one out")
     from rpil.formats.registry import find
 
     source, given = find(file), RunOptions.of(options)
@@ -161,13 +149,13 @@ def keep(
         if verdicts is None:
             run = commands.judge(file, given, progress)
             read, known = run.recording, run.audit.answers.once(run.audit.copy_of)
-            waits = run.audit.anchor != "named adversary" and share is at_least is None and not known.contrast
+            waits = run.audit.anchor != "named adversary" and share is None and not known.contrast
             table: Table = run.audit.table()
         else:
             read = commands.open_recording(file, replace(given.columns, allow_missing=True), progress)
             table, named = verdicts_about(verdicts, read.demonstrations.ids, read.ids)
         faults = commands.look_for_faults(read, progress, True, given.without_faults) if given.without_faults else None
-        asked = commands.choice_asked(given, faults, share, at_least)
+        asked = commands.choice_asked(given, faults, share)
         choice = choose(table, asked)
         if not choice.kept:
             judged_by = f"the verdicts of {verdicts}" if verdicts else "the audit"

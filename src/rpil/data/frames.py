@@ -1,29 +1,19 @@
-"""Columns as a data frame of the library that the user has."""
+"""Columns as a data frame."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from importlib import import_module
-from typing import Any, Literal, get_args
-
-from rpil.data.errors import DataError
-
-Backend = Literal["pandas", "polars", "pyarrow"]
+from typing import Any
 
 DataFrame = Any
-"""A frame of one of these libraries; none of them need be installed for type checkers."""
+"""A frame of pandas, which need not be installed, or a table of pyarrow."""
 
 
-def data_frame(columns: Mapping[str, Sequence[object]], backend: Backend | None) -> DataFrame:
-    """The columns as a data frame of the `backend`, or of the first of `Backend` that is installed.
-
-    A `DataError` where the backend is unknown or not installed.
-    """
-    names = get_args(Backend)
-    for name in (name for name in names if backend in (None, name)):
-        with suppress(ImportError):
-            module = import_module(name)
-            make = module.table if name == "pyarrow" else module.DataFrame
-            return make({name: list(values) for name, values in columns.items()})
-    raise DataError(f"backend={backend!r} is unknown or not installed; choose one of {', '.join(map(repr, names))}.")
+def data_frame(columns: Mapping[str, Sequence[object]]) -> DataFrame:
+    """The columns as a data frame of pandas, or where that is not installed as a table of pyarrow."""
+    lists = {name: list(values) for name, values in columns.items()}
+    try:
+        return import_module("pandas").DataFrame(lists)
+    except ImportError:
+        return import_module("pyarrow").table(lists)

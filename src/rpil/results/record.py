@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from rpil.data.arrays import spans
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
-from rpil.data.frames import Backend, DataFrame, data_frame
+from rpil.data.frames import DataFrame, data_frame
 from rpil.results.answering import looking_order
 from rpil.results.judged import Demonstrator, Interval
 from rpil.results.overview import first_sentence, headline, verdict_sentence
@@ -160,25 +160,16 @@ class Audit(AuditResult):
             parts.append(replace(found, demonstration=np.array(own)[found.demonstration]))
         return joined(parts)
 
-    def to_frame(self, backend: Backend | None = None) -> DataFrame:
+    def to_frame(self) -> DataFrame:
         """A data frame with a row for each demonstration, in the order of looking: the first to look at first.
 
-        The columns are those that ``rpil audit --verdicts`` writes, as far as an audit knows them.
-
-        Parameters
-        ----------
-        backend : {"pandas", "polars", "pyarrow"}, optional
-            By default the first of these that is installed; pyarrow always is.
-
-        Raises
-        ------
-        DataError
-            If the backend is unknown or not installed.
+        The columns are those that ``rpil audit --verdicts`` writes, as far as an audit knows them. It is a frame of
+        pandas, or where that is not installed a table of pyarrow.
         """
         columns, order = self.table(), looking_order(self)[0]
         for name in ("faults", "task", "run", *["demonstrator"] * (not self.demonstrators)):
             del columns[name]  # an audit does not know these
-        return data_frame({name: [column[m] for m in order] for name, column in columns.items()}, backend)
+        return data_frame({name: [column[m] for m in order] for name, column in columns.items()})
 
     def to_html(self, path: StrPath, title: str = TITLE) -> None:
         """Write the report of ``rpil audit --report`` to a file: one page, which needs no network.
