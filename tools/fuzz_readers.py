@@ -130,14 +130,6 @@ def text(name: str, content: str) -> Maker:
     return make
 
 
-def parquet_verdicts(folder: Path) -> Path:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    pq.write_table(pa.table({"id": ["é0", "b"], "verdict": ["similar", "outlier"]}), folder / "v.parquet")
-    return folder / "v.parquet"
-
-
 LABELS, RULES = '{"é0": "expert", "b": "bad", "c": "good"}', '{"spike": ["é0", 7], "idle head": "all"}'
 CSV_LABELS = 'id,label\né0,expert\nb,bad\n"c, d",good\n'
 READERS: dict[str, tuple[Maker, Reader]] = {
@@ -145,7 +137,6 @@ READERS: dict[str, tuple[Maker, Reader]] = {
     "policy": (policy, lambda path, _: rpil.load(path)),
     "labels, CSV": (text("l.csv", CSV_LABELS), lambda path, _: formats.read_labels(path)),
     "verdicts, CSV": (text("v.csv", "id,verdict\né0,expert\nb,adversary\n"), lambda path, _: read_verdicts(path)),
-    "verdicts, Parquet": (parquet_verdicts, lambda path, _: read_verdicts(path)),
     "expected, JSON": (text("e.json", RULES), lambda path, _: read_expected(path)),
 }
 

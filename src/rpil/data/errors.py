@@ -3,35 +3,32 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
 from importlib import import_module
 from typing import Any
 
 _QUOTE = re.compile(r"""((?:--[\w-]{1,40}|rpil \w{1,20}) )?(?<![\w=])(['"])((?:\\.|(?!\2)[^\\])*)(\2?)""", re.DOTALL)
+_OPTION = re.compile(r"(?<!\S)--([a-z]+(?:-[a-z]+)?)\b")  # within a sentence
 
 
 class DataError(ValueError):
     """Bad input: one sentence naming the file or array, the demonstration and the remedy; see `shortened`.
 
-    Where the remedy is an option, or several, ``<option>`` stands in their places in the sentence: the message names an
-    argument of Python, and `in_shell` an option of the command.
+    Options in it are those of the command, as `in_shell` shows them; the message names arguments of Python.
     """
 
-    def __init__(self, sentence: str, option: str | Sequence[str] = ()) -> None:
-        options = [option] if isinstance(option, str) else option
-        super().__init__(_spelt(sentence, (f"{name}={'True' * (name == 'skip_bad')}" for name in options)))
-        in_shell = sentence.replace("<option>'", "<option> '")  # a value follows
-        self.in_shell = _spelt(in_shell, (f"--{name.replace('_', '-')}" for name in options))
+    def __init__(self, sentence: str) -> None:
+        self.in_shell = sentence = shortened(sentence)
+        is_command = "rpil " in sentence  # which is to be copied
+        super().__init__(sentence if is_command else _OPTION.sub(_as_argument, sentence))
+
+
+def _as_argument(option: re.Match[str]) -> str:
+    name = option[1].replace("-", "_")
+    return f"{name}={'True' * (name == 'skip_bad')}"
 
 
 class DamagedError(DataError):
     """Bad input because of what is in a file; another file beside it may be sound."""
-
-
-def _spelt(sentence: str, options: Iterable[str]) -> str:
-    for option in options:
-        sentence = sentence.replace("<option>", option, 1)
-    return shortened(sentence)
 
 
 def shortened(sentence: str) -> str:

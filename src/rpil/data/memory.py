@@ -45,8 +45,7 @@ def check_memory(n_bytes: float, where: str, given: Size | None = None) -> None:
     if n_bytes > most:
         raise TooLargeError(
             f"{where}: to read it would take {_written(n_bytes)} of memory, more than the {_written(most)} that it "
-            "may; allow more with <option> (rpil.open leaves larger data on disk).",
-            "memory",
+            "may; allow more with --memory (rpil.open leaves larger data on disk)."
         )
 
 

@@ -87,7 +87,7 @@ def given_outcome(
         return given_outcome(found, ids, source, every)
     if isinstance(given, Mapping):
         by_id = {str(m): value for m, value in given.items()}
-        check_ids(by_id, every or ids, source, "<option>", "outcome")
+        check_ids(by_id, every or ids, source, "--outcome")
         given = [by_id.get(str(m), np.nan) for m in ids]
     try:
         values = np.asarray(given, dtype=np.float64)
@@ -106,6 +106,5 @@ def check_sessions(sessions: Sequence[str], name: str, source: str) -> None:
         each = "one session" if n_sessions == 1 else "a session of its own each"
         raise DataError(
             f"{source}: the demonstrations have {each} by {name!r}, which makes no sessions to judge within; name a "
-            "column that several share with <option>, or leave it out.",
-            "session",
+            "column that several share with --session, or leave it out."
         )

@@ -212,16 +212,14 @@ def with_reference(demonstrations: Demonstrations, reference: Demonstrations) ->
         lacks = f"lacks {quoted(missing, 5)}" if missing else f"has {quoted(more, 5)} too"
         raise DataError(
             f"{other.source}: its observations are not those of {one.source}: it {lacks}; name the same ones with "
-            "<option> or <option>.",
-            ("observations", "exclude"),
+            "--observations or --exclude."
         )
     columns = [other.observation_names.index(name) for name in one.observation_names]
     kinds = [_kind_of_action(each) for each in (one, other)]
     if kinds[0] != kinds[1]:
         raise DataError(
             f"{other.source}: its actions are {kinds[1]}, and those of {one.source} are {kinds[0]}; give a reference "
-            "with the same actions, or say what they are with <option> or <option>.",
-            ("action", "action_kind"),
+            "with the same actions, or say what they are with --action or --action-kind."
         )
     prefixes = itertools.chain(["reference "], (f"reference {k} " for k in itertools.count(2)))
     prefix = next(p for p in prefixes if not any(str(name).startswith(p) for name in one.ids))

@@ -120,7 +120,7 @@ def _check_files(
     """Faults in the files beside the demonstrations, and the rules that need a look at videos, without one."""
     read = recording if isinstance(recording, Recording) and recording.find_defects else None
     if video and not (read and read.description.format.startswith("LeRobot")):
-        raise DataError(f"{demonstrations.source}: <option> is for folders of LeRobot; leave it out.", ("video",))
+        raise DataError(f"{demonstrations.source}: --video is for folders of LeRobot; leave it out.")
     if read is None or read.find_defects is None:
         return [], {}
     unseen = [] if video or not read.origin.metadata.videos else [rule.name for rule in recorded.BY_LOOKING]

@@ -158,7 +158,7 @@ class _Search:
             wanted = STRETCH
         if wanted is None:
             what = f"says which demonstration a row is from: name it {spellings.EPISODE[0]}, or name the column"
-            raise self.no_column(what, "id", "split_gap")
+            raise self.no_column(what, "id", ", or end demonstrations at pauses with --split-gap")
         others = [name for name in found if name != wanted]
         self.ignored |= dict.fromkeys(others, "another id")
         return wanted, others
@@ -243,8 +243,8 @@ class _Search:
             hits = self.named(pattern)
             if not hits:
                 close = get_close_matches(pattern, self.names[:10_000], 3) or self.names
-                said = f"no column is called {pattern!r}; correct <option> (found {quoted(close)})"
-                raise DataError(f"{self.source}: {said}.", option)
+                said = f"no column is called {pattern!r}; correct --{option} (found {quoted(close)})"
+                raise DataError(f"{self.source}: {said}.")
             found |= dict.fromkeys(hits)
         return list(found)
 
@@ -265,14 +265,12 @@ class _Search:
         for option, names, others in (("action", actions, [episode]), ("observations", asked, [episode, *actions])):
             for name in (name for name in names if name in others):
                 role = "the id" if name == episode else "part of the action"
-                raise DataError(f"{self.source}: column {name!r} is {role} already; take it out of <option>.", option)
+                raise DataError(f"{self.source}: column {name!r} is {role} already; take it out of --{option}.")
 
-    def no_column(self, what: str, *options: str) -> DataError:
+    def no_column(self, what: str, option: str, more: str = "") -> DataError:
         """The error that no column is what it says; it lists the columns, with the kind of those that are not read."""
         owners = {owner: self.kinds[name] for name, owner in self.owners.items()}
         shown = [(quoted([name]), kind) for name, kind in [*owners.items()][:12]]
         listed = ", ".join(f"{name} ({kind})" if kind in ("nested", "text", "empty") else name for name, kind in shown)
-        more = ", ..." if len(owners) > 12 else ""
-        pauses = ", or end demonstrations at pauses with <option>" if len(options) > 1 else ""
-        said = f"no column {what} with <option> (found {listed}{more}){pauses}"
-        return DataError(f"{self.source}: {said}.", options)
+        listed += ", ..." * (len(owners) > 12)
+        return DataError(f"{self.source}: no column {what} with --{option} (found {listed}){more}.")

@@ -87,9 +87,9 @@ class ColumnOptions:
     def __post_init__(self) -> None:
         if self.memory is not None:
             parse_size(self.memory)  # an error where it is none
-        for option, seconds in (("split_gap", self.split_gap), ("segment", self.segment)):
+        for option, seconds in (("--split-gap", self.split_gap), ("--segment", self.segment)):
             if seconds is not None and not 0 < seconds < float("inf"):
-                raise DataError(f"<option> is {seconds}; give a number of seconds, more than 0.", option)
+                raise DataError(f"{option} is {seconds}; give a number of seconds, more than 0.")
 
 
 def check_options(given: Iterable[str]) -> None:

@@ -202,8 +202,8 @@ def _parsing(file: TextTable) -> Iterator[None]:
             yield
         except pa.ArrowInvalid as error:
             if "CSV conversion error" in str(error) and "UTF8" not in str(error):
-                said = "a column holds values of another type further on; write them alike, or allow more with <option>"
-                raise _OtherTypeError(f"{file.path.name}: {said}.", "memory") from error
+                said = "a column holds values of another type further on; write them alike, or allow more with --memory"
+                raise _OtherTypeError(f"{file.path.name}: {said}.") from error
             file.check()
             raise
 

@@ -80,7 +80,7 @@ class Layout:
             if values.dtype.kind == "U" and out.dtype.kind != "U":
                 row = next((row for row, text in enumerate(values) if not flat.is_number(text)), 0)
                 said = f"column {name!r} holds text ({str(values[row])[:40]!r}), not numbers"
-                raise DataError(f"{at(row)}: {said}; write numbers, or leave the column out with <option>.", "exclude")
+                raise DataError(f"{at(row)}: {said}; write numbers, or leave the column out with --exclude.")
             together.append(values)
             if not k % 16 or k == len(columns):  # several at a time, as numbers of a row lie together
                 out[:, k - len(together) : k], together = np.stack(together).T, []

@@ -71,7 +71,7 @@ def _sessions(name: str, steps: Steps, files: Sequence[str]) -> tuple[str, ...]:
     """The session of each demonstration."""
     if name == FILE_SESSION and name not in steps.table.schema.names:
         if not files:
-            raise DataError(f"{steps.source}: its files make no sessions; name a column with <option>.", "session")
+            raise DataError(f"{steps.source}: its files make no sessions; name a column with --session.")
         return tuple(files)
     pairs, ids = pairs_of(steps, name), {str(m): m for m in steps.ids}
     counts = Counter(m for m, _ in pairs)
@@ -86,18 +86,17 @@ def _sessions(name: str, steps: Steps, files: Sequence[str]) -> tuple[str, ...]:
 def _outcome(table: pa.Table, wanted: str, columns: Columns, offsets: Array, source: str) -> Float[Array, " M"]:
     """The outcome of each demonstration in the `wanted` column, with NaN where it is not known."""
     name = wanted.removeprefix("-")
-    ways = f"name another column with <option>, or {LENGTH!r}"
+    ways = f"name another column with --outcome, or {LENGTH!r}"
     found: Array | None = np.diff(offsets).astype(float)
     if name != LENGTH:
         values = numbers_or_missing(table[name])
         if values is None or values.shape[1] != 1:
-            raise DataError(f"{source}: column {name!r} is not of one number for each step; {ways}.", "outcome")
+            raise DataError(f"{source}: column {name!r} is not of one number for each step; {ways}.")
         found = outcome_of_steps(values[:, 0].astype(float), offsets, name)
     if found is None:
         raise DataError(
             f"{source}: column {name!r} changes within demonstrations and is neither a reward nor a flag of 0 and 1, "
-            f"so that nothing says which value is the outcome; {ways}.",
-            "outcome",
+            f"so that nothing says which value is the outcome; {ways}."
         )
     return (
         found if wanted == name else float(np.isin(found[~np.isnan(found)], (0, 1)).all()) - found

@@ -135,7 +135,7 @@ def readable(paths: Sequence[str], source: str, skips: object = True) -> tuple[l
     if damaged and not skips:
         said = f"damaged, as where a recording is cut off: {words}; copy again, or read and keep"
         others = parts_in_words(there, "episode", []) or "the others"
-        raise DataError(f"{source}: {said} {others} with <option>.", "skip_bad")
+        raise DataError(f"{source}: {said} {others} with --skip-bad.")
     return [*found], (words,) if words else ()
 
 

@@ -117,17 +117,16 @@ def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str)
         )
     if not columns.id_chosen or len(group) < 2:
         return
-    ways = "name the column of the demonstration with <option>, or, where pauses divide demonstrations, <option>"
+    ways = "name the column of the demonstration with --id, or, where pauses divide demonstrations, --split-gap"
     if 2 * len(names) > len(group):
         raise DataError(
             f"{source}: {name!r} would make {len(names):,} demonstrations of {len(group):,} steps; {ways}; if "
-            "that is meant, call it episode_index; where <option> or <option> is given, give more seconds.",
-            ("id", "split_gap", "split_gap", "segment"),
+            "that is meant, call it episode_index; where --split-gap or --segment is given, give more seconds."
         )
     is_order = any(pattern.fullmatch(plain) for pattern in ORDER_COLUMNS)
     if is_order and 2 * np.count_nonzero(group[1:] != group[:-1]) > len(group):
         said = "looks like a time, or the number of a step, as it changes from row to row"
-        raise DataError(f"{source}: {name!r} {said}; {ways}.", ("id", "split_gap"))
+        raise DataError(f"{source}: {name!r} {said}; {ways}.")
 
 
 def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: str | None, at: Place) -> None:
@@ -147,8 +146,7 @@ def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: str | 
             row = int(rows[np.flatnonzero(np.isin(rows, np.unique(group, return_index=True)[1], invert=True))[0]])
             raise DataError(
                 f"{at(row)}: column {name!r} changes within this demonstration; write a column of ids that no two "
-                f"demonstrations share, or, if {columns.episode!r} is one, say so with <option>.",
-                "id",
+                f"demonstrations share, or, if {columns.episode!r} is one, say so with --id."
             )
 
 
@@ -167,7 +165,7 @@ def shorter(
         said = (
             "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"
         )
-        raise DataError(f"{columns.source}: {said} <option>; make one of times in texts.", "order")
+        raise DataError(f"{columns.source}: {said} --order; make one of times in texts.")
     seconds = clock.ticks * clock.unit
     if gap := columns.options.split_gap:
         steps, counts, labels = np.diff(seconds, prepend=np.nan), Counter[int](), list[Id]()

@@ -223,18 +223,18 @@ def _asked(ids: Sequence[Id], options: ColumnOptions, source: str) -> Array:
             for name in [given] if given in places else map(str.strip, given.split(",")):
                 ends = _RANGE.fullmatch(name)
                 named = [name] if ends is None or name in places else sorted(ends.groups(), key=int)
-                check_ids(named, places, source, "<option>", option)
+                check_ids(named, places, source, option)
                 low, high = named[0], named[-1]
                 between = (k for m, k in places.items() if m.isdecimal() and int(low) <= int(m) <= int(high))
                 found += [places[low]] if low == high else between
         return found
 
-    only = numbers(options.only, "only")
+    only = numbers(options.only, "--only")
     mask = np.full(len(ids), not only)
     mask[only] = True
-    mask[numbers(options.without, "without")] = False
+    mask[numbers(options.without, "--without")] = False
     if not mask.any():
-        raise DataError(f"{source}: <option> and <option> leave no demonstration; correct them.", ("only", "without"))
+        raise DataError(f"{source}: --only and --without leave no demonstration; correct them.")
     return mask
 
 

@@ -123,8 +123,8 @@ def _batches(first: pa.Table, others: Iterator[pa.Table], schema: pa.Schema, sou
         try:
             waiting = pa.concat_tables([waiting, table.cast(schema)])
         except (pa.ArrowInvalid, ValueError) as error:
-            said = "a column holds values of other types further on; write them alike, or allow more with <option>"
-            raise DataError(f"{source}: {said}.", "memory") from error
+            said = "a column holds values of other types further on; write them alike, or allow more with --memory"
+            raise DataError(f"{source}: {said}.") from error
         table = next(others, None)
         while len(waiting) >= BATCH_ROWS or (table is None and len(waiting)):
             yield waiting.slice(0, BATCH_ROWS).combine_chunks().to_batches()[0]

@@ -182,7 +182,7 @@ def _below(table: Table, asked: Asked) -> Sequence[bool | None]:
         raise DataError("The verdicts have no numbers in log_odds; give those that rpil audit wrote.") from error
     if without := [*compress(cast(Sequence[Id], table["id"]), np.isnan(values))]:
         who = f"The verdicts have no number in log_odds for {listed(without, MAX_LISTED_NAMES)}"
-        raise DataError(f"{who}; audit these too, or leave them out with <option>.", "without")
+        raise DataError(f"{who}; audit these too, or leave them out with --without.")
     ranks = np.argsort(np.argsort(-values, kind="stable"))
     return [*map(bool, ranks >= max(round(asked.share * len(ranks)), 1))]
 
