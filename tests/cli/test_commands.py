@@ -93,9 +93,8 @@ def test_too_many_that_are_unlike_end_with_code_1_after_all_output(folder, limit
 def test_outputs_do_not_join_the_data(folder):
     Path("data").mkdir()
     shutil.copy(folder / "good.parquet", "data/one.parquet")
-    for output in ("data/one.parquet", "data/two.parquet"):
+    for output in ("data/one.parquet", "data/two.csv"):
         refused("it would join the data in .*; write it to another folder", "audit", "data", "--weights", output)
-    ok("audit", "data", "--report", "data/r.html", "--quiet")  # a page is not read as data
     assert pq.read_table("data/one.parquet").equals(pq.read_table(folder / "good.parquet"))
 
 

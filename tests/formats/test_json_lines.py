@@ -60,19 +60,19 @@ STEP = '{"episode": 0, "x": 1, "action": 2}\n'
 
 
 @pytest.mark.parametrize(
-    ("text", "number"),
+    "text",
     [
-        (f'\n{STEP}\n{STEP}{{"episode": 0, "x"', 5),
-        (STEP + STEP + "\0" * 100, 3),
-        (STEP + STEP[:-1] + STEP, 2),
-        (json.dumps(json.loads(STEP), indent=1), 1),
-        (STEP.replace("\n", "\r") * 3, 1),
+        f'\n{STEP}\n{STEP}{{"episode": 0, "x"',
+        STEP + STEP + "\0" * 100,
+        STEP + STEP[:-1] + STEP,
+        json.dumps(json.loads(STEP), indent=1),
+        STEP.replace("\n", "\r") * 3,
     ],
 )
-def test_a_line_that_holds_no_object_or_several_is_named(text, number, tmp_path, monkeypatch):
+def test_a_line_that_holds_no_object_or_several_is_refused(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # in which no file changes
     (tmp_path / "a.jsonl").write_bytes(text.encode())
-    sentence = rf"a\.jsonl, line {number}: it holds no object of JSON, or several; delete it, or write"
+    sentence = r"a\.jsonl: no lines of JSON, or damaged .*; write an object of the same kind on each line"
     refused(sentence, "info", tmp_path / "a.jsonl")
     refused(sentence, "info", tmp_path / "a.jsonl", "--skip-bad")
 

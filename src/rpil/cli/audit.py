@@ -26,6 +26,7 @@ from rpil.cli.options import (
     with_options,
 )
 from rpil.cli.terminal import THEN_RUN, fit, line_width, print_lines, show_stages, table_lines
+from rpil.data.files import check_outputs
 from rpil.data.text import MAX_LISTED_NAMES, listed, printable
 from rpil.results.vocabulary import PLURALS, SIDES, short_id
 
@@ -89,7 +90,7 @@ def audit(
     with show_stages(bool(options["quiet"])) as progress:
         given = RunOptions.of(options)
         files = (path for title, path in outputs.items() if title != "annotate")
-        commands.check_paths((file, given.labels, given.reference, *given.columns.files), *files)
+        check_outputs((file, given.labels, given.reference, *given.columns.files), files)
         if outputs["annotate"] is not None:
             from rpil.formats.registry import find
 

@@ -18,6 +18,7 @@ from rpil.cli.options import (
 )
 from rpil.cli.terminal import show_stages
 from rpil.data.errors import DataError
+from rpil.data.files import check_outputs
 from rpil.data.text import MAX_IDS, listed, printable
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def check(
 
     Rules compare each demonstration with the others; no model is fitted. docs/faults.md describes each rule.
     """
-    commands.check_paths((file, expected), output)
+    check_outputs((file, expected), [output])
     with show_stages(quiet) as progress:
         from rpil.faults.checking import check as find_faults
         from rpil.faults.report import read_expected

@@ -22,7 +22,6 @@ import click
 from rpil.cli.options import RunOptions, command_words
 from rpil.cli.terminal import LOADING, StageProgress, print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.files import StrPath
 from rpil.data.text import MAX_LISTED_NAMES, printable
 from rpil.results.vocabulary import PLURALS, SIDES
 
@@ -80,18 +79,6 @@ def _exit_with_error(sentence: str, code: int = 2) -> NoReturn:
         except OSError:  # Python would flush it again at its end, and fail
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     sys.exit(code)
-
-
-def check_paths(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:
-    """A `DataError`, before any work, where an output cannot be written, or is or joins an input."""
-    from rpil.data import files
-
-    given, tables = list(inputs), []
-    if any(path and os.path.isdir(path) for path in given):  # else the import of all formats, which is slow, can wait
-        from rpil.formats.registry import suffixes
-
-        tables = suffixes()
-    files.check_outputs(given, outputs, tables)
 
 
 def open_recording(

@@ -22,7 +22,7 @@ from rpil.cli.audit import print_finding
 from rpil.cli.options import LABEL_OPTIONS, LABELS_FILE, RunOptions, Value, command_words, with_options
 from rpil.cli.terminal import show_stages
 from rpil.data.errors import DataError
-from rpil.data.files import is_dangling
+from rpil.data.files import check_outputs, is_dangling
 from rpil.data.json_files import LARGEST_TABLE, read_json
 from rpil.data.text import counted
 
@@ -48,7 +48,7 @@ def begin(file: str, options: dict[str, Value], most: int | None) -> tuple[comma
     `most` questions about it."""
     given = RunOptions.of(options)
     path = given.labels or LABELS_FILE
-    commands.check_paths((file, *given.columns.files), path)
+    check_outputs((file, *given.columns.files), [path])
     if Path(path).suffix.lower() != ".csv":
         raise DataError(f"{path}: answers are read from and written to CSV (id,label) here; give another --labels.")
     if is_dangling(path):
@@ -210,7 +210,7 @@ def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given:
     beside = {title: f"{Path(session.path).with_suffix('')}-{name}" for title, name in BESIDE.items()}
     for path in filter(os.path.islink, beside.values()):
         raise DataError(f"{path}: it is a link, and no review writes where a link leads; remove it.")
-    commands.check_paths((run.source, session.path, *run.recording.options.files), *beside.values())
+    check_outputs((run.source, session.path, *run.recording.options.files), beside.values())
     before = _run_of(beside["keep"], run.audit)
     for path in beside.values():
         if os.path.exists(path) and not (before and before in Path(path).read_bytes()):

@@ -30,6 +30,7 @@ from rpil.cli.options import (
 )
 from rpil.cli.terminal import LOADING, print_lines, show_stages
 from rpil.data.errors import DataError
+from rpil.data.files import check_outputs
 from rpil.data.text import counted
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ def info(ctx: click.Context, /, file: str, form: str, table: bool, **options: An
 def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     """Learn a policy from the demonstrations that can be trusted."""
     run = RunOptions.of(options)
-    commands.check_paths((file, run.labels, *run.columns.files), output)
+    check_outputs((file, run.labels, *run.columns.files), [output])
     with show_stages(run.quiet) as progress:
         recording = commands.open_recording(file, run.columns, progress)
         progress(LOADING)
@@ -195,7 +196,7 @@ def convert(file: str, output: str, ranges: str | None, quiet: bool, **options: 
         from rpil import formats
 
         formats.writer_of(output)
-        commands.check_paths((file, operator, ranges), output)
+        check_outputs((file, operator, ranges), [output])
         recording = commands.open_recording(file, columns, progress)
         demonstrations = recording.demonstrations.select(slice(None))  # in memory
         ids = [*map(str, demonstrations.ids)]
@@ -222,7 +223,7 @@ def convert(file: str, output: str, ranges: str | None, quiet: bool, **options: 
 @quiet_option
 def demo(output: str, seed: int, quiet: bool) -> None:
     """Audit real people who play a cooking game, and compare the ranking with their score."""
-    commands.check_paths((), output)
+    check_outputs((), [output])
     with show_stages(quiet) as progress:
         from rpil.cli.demo import run
 
