@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 
 from rpil.cli.questions.material import EpisodeVideos
-from rpil.cli.questions.security import Gate
-from rpil.cli.questions.server import Review, application, listen, load_server
+from rpil.cli.questions.server import Gate, Review, application, listen, load_server
 from rpil.cli.questions.session import Session
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import MissingExtraError

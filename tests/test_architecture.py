@@ -172,7 +172,6 @@ WITHOUT_TESTS = {
     "data/names.py": "tests/formats/test_csv.py",
     "formats/columns.py": "tests/formats/test_csv.py",
     "formats/format.py": "tests/formats/test_registry.py",
-    "data/run.py": "one function, tested with the files that carry its result",
 }
 """Files of the library that no test file is named after, and why."""
 

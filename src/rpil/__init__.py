@@ -21,7 +21,7 @@ _HOME = {
     "JudgeSettings": "rpil.inference.settings",
     "SampleSettings": "rpil.scale.settings",
     "SoftmaxPolicy": "rpil.policies.softmax",
-    "audit": "rpil.estimators.auditing",
+    "audit": "rpil.estimators.within_tasks",
     "check": "rpil.faults.checking",
     "idle_rows": "rpil.segments.idle",
     "load": "rpil.estimators.persistence",
@@ -68,13 +68,13 @@ if TYPE_CHECKING:
 
     from rpil.data.demonstrations import Demonstrations
     from rpil.data.errors import DataError
-    from rpil.estimators.auditing import audit
     from rpil.estimators.cloning import BehavioralCloning
     from rpil.estimators.persistence import load, save
     from rpil.estimators.reweight import reweight
     from rpil.estimators.rment import RMEnt
     from rpil.estimators.rpil import RPIL
     from rpil.estimators.settings import Settings
+    from rpil.estimators.within_tasks import audit
     from rpil.faults.checking import check
     from rpil.formats import open, read, write
     from rpil.formats.dataset import Dataset

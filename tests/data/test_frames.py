@@ -7,7 +7,7 @@ import sys
 import pyarrow as pa
 import pytest
 
-from rpil.data.frames import data_frame
+from rpil.data.text import data_frame
 
 COLUMNS = {"id": ["a", "b"], "score": (1.5, -2.0)}
 

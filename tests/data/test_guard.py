@@ -7,8 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.guard import guarded
+from rpil.data.errors import DataError, MissingExtraError, guarded
 
 FOREIGN = [
     KeyError("actions"),

@@ -11,8 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from recorded import demonstrations
+from rpil.data.copies import run_id
 from rpil.data.errors import DataError
-from rpil.data.run import run_id
 from rpil.formats import EXTENSIONS, write_columns, write_weights
 
 

@@ -13,9 +13,9 @@ import pytest
 from audits import make_audit
 from rpil.estimators.settings import Settings
 from rpil.inference.settings import JudgeSettings, OutlierSettings
-from rpil.results import provenance
+from rpil.results import judged
 from rpil.results.choice import write_kept, write_verdicts
-from rpil.results.provenance import Provenance, changed_settings, digest
+from rpil.results.judged import Provenance, changed_settings, digest
 
 
 def test_a_file_has_the_digest_that_every_tool_computes(tmp_path):
@@ -30,7 +30,7 @@ def test_a_file_has_the_digest_that_every_tool_computes(tmp_path):
 
 @pytest.mark.parametrize("is_large", [False, True])
 def test_the_digest_of_a_folder_changes_with_names_and_contents(tmp_path, monkeypatch, is_large):
-    monkeypatch.setattr(provenance, "_MOST_DIGESTED", 0 if is_large else 1000)
+    monkeypatch.setattr(judged, "_MOST_DIGESTED", 0 if is_large else 1000)
     folder = tmp_path / "data"
     (folder / "b").mkdir(parents=True)
     (folder / "a.csv").write_bytes(b"abc")

@@ -152,8 +152,7 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
     Answers go to labels.csv, or the file of --labels, as those of rpil label: each is written at once, and a run goes
     on where the last one ended. The page is for this computer alone. Ctrl-C ends it.
     """
-    from rpil.cli.questions.security import Gate
-    from rpil.cli.questions.server import application, listen, load_server, serve
+    from rpil.cli.questions.server import Gate, application, listen, load_server, serve
 
     load_server()
     with listen(port or 0) as listening, TemporaryDirectory(prefix="rpil-") if browser else nullcontext() as folder:

@@ -12,9 +12,8 @@ from typing import Any, Literal, NamedTuple, cast, get_args
 
 import numpy as np
 
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
-from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, read_text
 from rpil.data.names import EPISODE, quoted
 from rpil.data.text import from_cell, to_cell

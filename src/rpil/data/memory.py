@@ -50,7 +50,7 @@ def check_memory(n_bytes: float, where: str, given: Size | None = None) -> None:
 
 
 def check_free(n_bytes: float) -> None:
-    """Raise a `MemoryError`, which `rpil.data.guard.guarded` puts in words, where a part of a file takes more than a
+    """Raise a `MemoryError`, which `rpil.data.errors.guarded` puts in words, where a part of a file takes more than a
     share of the free memory."""
     if n_bytes > 64 * MIB and n_bytes > FREE_SHARE * free_memory():  # which takes a moment to find
         raise MemoryError

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 from unicodedata import category
 
 if TYPE_CHECKING:
@@ -93,3 +94,16 @@ def each_text(change: Callable[[str], object], column: pa.ChunkedArray) -> pa.Ch
     if new.equals(old):
         return column
     return pa.chunked_array([new.take(pc.index_in(column, old).combine_chunks())])
+
+
+DataFrame = Any
+"""A frame of pandas, which need not be installed, or a table of pyarrow."""
+
+
+def data_frame(columns: Mapping[str, Sequence[object]]) -> DataFrame:
+    """The columns as a data frame of pandas, or where that is not installed as a table of pyarrow."""
+    lists = {name: list(values) for name, values in columns.items()}
+    try:
+        return import_module("pandas").DataFrame(lists)
+    except ImportError:
+        return import_module("pyarrow").table(lists)

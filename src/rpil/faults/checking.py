@@ -15,9 +15,8 @@ import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations, DemonstrationSet
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath
-from rpil.data.guard import guarded
 from rpil.faults import recorded, settings
 from rpil.faults.measured_columns import MovingBlock, column_labels, set_aside
 from rpil.faults.report import ALL, RULES, FaultReport

@@ -9,12 +9,10 @@ from difflib import get_close_matches
 from functools import cached_property
 
 from rpil.data.arrays import Id
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, check_readable
-from rpil.data.frames import DataFrame, data_frame
-from rpil.data.guard import guarded
 from rpil.data.json_files import LARGEST_TABLE, read_json
-from rpil.data.text import counted, one_line, printable
+from rpil.data.text import DataFrame, counted, data_frame, one_line, printable
 from rpil.faults import command_rules, conventions, motion, recorded, settings, still, whole_rules  # noqa: F401  their rules
 from rpil.faults.rule import Fault, Grouping, Rule, in_words
 from rpil.formats import write_columns

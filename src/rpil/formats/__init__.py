@@ -15,10 +15,10 @@ import pyarrow as pa
 from numpy.typing import ArrayLike
 
 from rpil.data.arrays import ActionKind, as_array
+from rpil.data.copies import RUN_KEY, run_id
 from rpil.data.demonstrations import SOURCE, Demonstrations
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, replacing
-from rpil.data.guard import guarded
 from rpil.data.id_values import (
     is_id_file,
     label_codes,
@@ -30,7 +30,6 @@ from rpil.data.id_values import (
 from rpil.data.json_files import finite
 from rpil.data.memory import Size
 from rpil.data.names import STEP, is_data
-from rpil.data.run import RUN_KEY, run_id
 from rpil.formats import csv, parquet, table
 from rpil.formats.columns import ColumnOptions, Ids, Names, check_options
 from rpil.formats.format import Frame, from_arrow
@@ -252,7 +251,7 @@ def write_weights(
     `expert_proba` and `log_odds` (M,) are repeated for each step of their demonstration. Numbers of the rows that the
     file itself gives, such as ``index``, come with `Recording.step_columns`. A million steps are in memory at a time:
     `step_weight` (N,) may be in a file, and larger than memory. The metadata of a Parquet file hold the
-    `rpil.data.run.run_id`.
+    `rpil.data.copies.run_id`.
 
     Raises
     ------

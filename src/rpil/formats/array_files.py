@@ -13,9 +13,8 @@ import numpy as np
 from rpil.data.archive import Npz, open_npz, write_npz
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import is_hidden, replacing
-from rpil.data.guard import guarded
 from rpil.data.json_files import object_in, read_json
 from rpil.data.names import TASK, is_observation, may_be_outcome, natural_key, plain_name
 from rpil.formats.array_layout import ROLES, Arrays

@@ -27,10 +27,10 @@ from rpil.formats.table import Kind
 *_EPISODE_WORDS, _ID_ALONE = spellings.EPISODE_COLUMNS
 _IDS: tuple[Kind, ...] = ("number", "text", "mixed", "time")
 _ROLES: tuple[tuple[str, Sequence[re.Pattern[str]], tuple[Kind, ...]], ...] = (
-    ("id", _EPISODE_WORDS, (*_IDS, "counter")),
+    ("id", _EPISODE_WORDS, _IDS),
     ("id", [_ID_ALONE], _IDS),
     ("id", [spellings.PARTICIPANT], _IDS),
-    ("order", spellings.ORDER_COLUMNS, ("number", "time", "counter", "text")),
+    ("order", spellings.ORDER_COLUMNS, ("number", "time", "text")),
     ("operator", [spellings.OPERATOR], ("number", "text")),
     ("task", [spellings.TASK], ("number", "text")),
     ("intervention", [spellings.INTERVENTION], ("number",)),
@@ -42,7 +42,6 @@ _REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
     *spellings.NOT_SEEN,
     (spellings.OBSERVATION, ""),
     ("empty", "no values"),
-    ("counter", "number of the row"),
     (spellings.ROW_INDEX, "number of the row"),
     ("time", TIME_OF_STEP),
     *((pattern, TIME_OF_STEP) for pattern in spellings.ORDER_COLUMNS),
@@ -56,7 +55,7 @@ _REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
 )
 """Why a column of this kind, or of a name like this, is no observation, empty where it is one; the first that fits."""
 
-_NUMBERS: tuple[Kind, ...] = ("number", "list", "mixed", "counter")
+_NUMBERS: tuple[Kind, ...] = ("number", "list", "mixed")
 
 
 def find_columns(
@@ -124,7 +123,7 @@ class _Search:
         # What may divide a demonstration, unless its id is named.
         parts: Iterable[str] = () if options.id else (name for name in (*other_ids, operator, task) if name)
         times = [name for name in ignored if name not in self.excluded and self.plain[name] in spellings.TIMESTAMP]
-        times = [name for name in times if self.kinds[name] in ("number", "time", "counter")]
+        times = [name for name in times if self.kinds[name] in ("number", "time")]
         return Columns(
             *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, tuple(parts), operator),
             *(task, by_column(ignored, self.lists), options, tuple(times), session, outcomes),

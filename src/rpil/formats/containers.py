@@ -21,9 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rpil.data.errors import DataError, optional
+from rpil.data.errors import DataError, guarded, optional
 from rpil.data.files import check_readable
-from rpil.data.guard import guarded
 from rpil.data.memory import MIB, check_free
 from rpil.data.names import natural_key
 from rpil.formats.array_layout import ROLES, Arrays

@@ -16,9 +16,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
 
-from rpil.data.errors import DamagedError, DataError
+from rpil.data.errors import DamagedError, DataError, guarded
 from rpil.data.files import replacing
-from rpil.data.guard import guarded
 from rpil.data.memory import MIB, check_memory
 from rpil.data.text import counted, each_text, from_cell, to_cell
 from rpil.formats import table as flat

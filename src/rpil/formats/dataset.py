@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from rpil.data.arrays import ActionKind, Id, Indices, check_any, check_finite
 from rpil.data.demonstrations import BLOCK_STEPS, Block, Demonstrations, DemonstrationSet, shard_bounds
-from rpil.data.errors import DataError
-from rpil.data.guard import guarded
+from rpil.data.errors import DataError, guarded
 from rpil.data.memory import Size, check_memory
 from rpil.data.names import short_name
 from rpil.formats import table as flat

@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 import pyarrow as pa
 import pyarrow.json
 
-from rpil.data.guard import guarded
+from rpil.data.errors import guarded
 from rpil.data.memory import check_memory
 from rpil.data.names import natural_key
 from rpil.formats import table as flat

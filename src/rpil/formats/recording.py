@@ -13,9 +13,8 @@ import pyarrow as pa
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath
-from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
 from rpil.data.recorded_facts import Facts
 from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids, by_column

@@ -16,7 +16,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from rpil.data.arrays import Id
-from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.errors import DataError, MissingExtraError, guarded
 from rpil.data.files import (
     StrPath,
     check_exists,
@@ -26,7 +26,6 @@ from rpil.data.files import (
     check_writable,
     replacing,
 )
-from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
 from rpil.data.memory import TooLargeError, check_memory
 from rpil.formats import table_folder

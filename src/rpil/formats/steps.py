@@ -21,8 +21,7 @@ import numpy as np
 import pyarrow as pa
 
 from rpil.data.arrays import Id, check_any
-from rpil.data.errors import DataError
-from rpil.data.guard import guarded
+from rpil.data.errors import DataError, guarded
 from rpil.formats.table import BATCH_ROWS, Place, plain_type
 from rpil.numerics.types import Array, Int
 

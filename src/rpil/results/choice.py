@@ -18,15 +18,14 @@ from typing import Any, cast
 import numpy as np
 
 from rpil.data.arrays import Id
-from rpil.data.errors import DataError
+from rpil.data.copies import RUN_KEY
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
-from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids, read_labels
 from rpil.data.json_files import LARGEST_TABLE, parse, read_text
-from rpil.data.run import RUN_KEY
 from rpil.data.text import MAX_IDS, MAX_LISTED_NAMES, from_cell, listed, printable
 from rpil.formats import write_columns
-from rpil.results.provenance import PROVENANCE_KEY
+from rpil.results.judged import PROVENANCE_KEY
 from rpil.results.result import AuditResult
 from rpil.results.vocabulary import SIDES, WORSE
 

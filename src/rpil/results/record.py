@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from rpil.data.arrays import spans
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
-from rpil.data.frames import DataFrame, data_frame
+from rpil.data.text import DataFrame, data_frame
 from rpil.results.answering import looking_order
 from rpil.results.judged import Demonstrator, Interval
 from rpil.results.overview import first_sentence, headline, verdict_sentence

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from scipy.special import expit
 
+from rpil.data.copies import run_id
 from rpil.data.errors import DataError
-from rpil.data.run import run_id
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
@@ -159,7 +159,7 @@ class AuditResult(Judged):
 
     @property
     def run_id(self) -> str:
-        """Id that the report, the JSON and the weights of one run have in common; see `rpil.data.run.run_id`."""
+        """Id that the report, the JSON and the weights of one run have in common; see `rpil.data.copies.run_id`."""
         return run_id(self.ids, self.offsets, self.log_odds)
 
     def table(

@@ -11,9 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
-from rpil.data.guard import guarded
 from rpil.data.json_files import read_text
 from rpil.formats import read_demonstrators, read_recording
 from rpil.formats.columns import ColumnOptions

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rpil.cli.questions.security import MAX_BODY
+from rpil.cli.questions.server import MAX_BODY
 from served import need_server, review_of, serving
 
 need_server()

@@ -18,7 +18,7 @@ from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.results.answering import looking_order
 from rpil.results.html.page import About, write_page
-from rpil.results.provenance import Provenance
+from rpil.results.judged import Provenance
 from rpil.results.record import Audit, Demonstrator
 from rpil.segments.kinds import Segments
 

@@ -16,8 +16,7 @@ from audits import make_audit
 from html_page import Page
 from rpil.inference.settings import AnswerSettings, JudgeSettings
 from rpil.results.html.page import About, render_page
-from rpil.results.judged import AuditSettings
-from rpil.results.provenance import Provenance
+from rpil.results.judged import AuditSettings, Provenance
 from rpil.results.record import Audit
 
 ADDRESS = "https://github.com/leeoniya/uPlot"

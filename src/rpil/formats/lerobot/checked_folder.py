@@ -15,9 +15,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rpil.data.arrays import group_rows
-from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.errors import DataError, MissingExtraError, guarded
 from rpil.data.files import check_inside, copy_folder, new_folder
-from rpil.data.guard import guarded
 from rpil.data.json_files import Parsed
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot.video import NEAR_SECONDS, find_faults, load_av
