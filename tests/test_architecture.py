@@ -157,7 +157,6 @@ WITHOUT_TESTS = {
     "faults/motion.py": "tests/faults/test_every_rule.py",
     "faults/whole_rules.py": "tests/faults/test_every_rule.py",
     "segments/kinds.py": "values alone",
-    "segments/settings.py": "values alone",
     "inference/settings.py": "values alone",
     "policies/settings.py": "tests/estimators/test_settings.py",
     "mixture/settings.py": "values alone",

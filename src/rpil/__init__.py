@@ -16,7 +16,7 @@ _HOME = {
     "Demonstrations": "rpil.data.demonstrations",
     "RMEnt": "rpil.estimators.rment",
     "RPIL": "rpil.estimators.rpil",
-    "Settings": "rpil.estimators.settings",
+    "Settings": "rpil.estimators.pipeline",
     "MixtureSettings": "rpil.mixture.settings",
     "JudgeSettings": "rpil.inference.settings",
     "SampleSettings": "rpil.scale.settings",
@@ -70,10 +70,10 @@ if TYPE_CHECKING:
     from rpil.data.errors import DataError
     from rpil.estimators.cloning import BehavioralCloning
     from rpil.estimators.persistence import load, save
+    from rpil.estimators.pipeline import Settings
     from rpil.estimators.reweight import reweight
     from rpil.estimators.rment import RMEnt
     from rpil.estimators.rpil import RPIL
-    from rpil.estimators.settings import Settings
     from rpil.estimators.within_tasks import audit
     from rpil.faults.checking import check
     from rpil.formats import open, read, write

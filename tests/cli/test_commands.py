@@ -106,7 +106,7 @@ def test_an_audit_reads_the_demonstrations_once(folder, monkeypatch):
 
 
 def test_audit_does_not_choose_features(folder, monkeypatch):
-    monkeypatch.setattr("rpil.estimators.final_policy.choose_features", lambda *_: pytest.fail("features were chosen"))
+    monkeypatch.setattr("rpil.estimators.cloning.choose_features", lambda *_: pytest.fail("features were chosen"))
     found = json.loads(ok("audit", folder / "good.parquet", "--format", "json", "--adversary", "marginal").stdout)
     assert (found["adversary"], found["finding"]) == ("marginal", "mixture")
     ok("audit", folder / "good.parquet", "--quiet")

@@ -27,7 +27,6 @@ def test_every_file_of_the_folder_is_a_demonstration(tmp_path):
         np.testing.assert_array_equal(demonstrations.actions[-30:], file["action"][:])
     assert about.format == "HDF5, a file for each demonstration"
     assert set(about.ignored) == {"observations/images/top"}
-    assert "simulation" in about.notes[0]
 
 
 def test_a_file_of_several_demonstrations_is_not_read_as_one(tmp_path):

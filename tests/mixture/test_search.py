@@ -9,8 +9,7 @@ import pytest
 
 from problems import Toy, make, ridge
 from rpil.data.fit_data import FitData
-from rpil.estimators.pipeline import judged_starts
-from rpil.estimators.settings import Settings
+from rpil.estimators.pipeline import Settings, judged_starts
 from rpil.mixture.search import SearchSettings, fit_mixture, starts
 from rpil.mixture.settings import MixtureSettings
 from rpil.policies.softmax import SoftmaxPolicy

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from audits import make_audit
-from rpil.estimators.settings import Settings
+from rpil.estimators.pipeline import Settings
 from rpil.inference.settings import JudgeSettings, OutlierSettings
 from rpil.results import judged
 from rpil.results.choice import write_kept, write_verdicts

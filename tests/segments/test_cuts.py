@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from rpil import Demonstrations
-from rpil.segments.cuts import MovedColumns
-from rpil.segments.settings import SegmentSettings
+from rpil.segments.find import MovedColumns, SegmentSettings
 from worlds.tidying import tidied
 
 SETTINGS = SegmentSettings()

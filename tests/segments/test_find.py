@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from rpil import Demonstrations
-from rpil.segments.find import find_segments, near, progress, shortfall
+from rpil.segments.find import SegmentSettings, find_segments, near, progress, shortfall
 from rpil.segments.kinds import KINDS
-from rpil.segments.settings import SegmentSettings
 from worlds.tidying import CLEAN, tidied
 
 N, SETTINGS = 20, SegmentSettings()

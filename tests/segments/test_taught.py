@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil.segments.find import find_segments
+from rpil.segments.find import SegmentSettings, find_segments, marked, taught
 from rpil.segments.kinds import Segments
-from rpil.segments.settings import SegmentSettings
-from rpil.segments.taught import marked, taught
 from worlds.tidying import tidied
 
 

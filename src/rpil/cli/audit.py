@@ -67,15 +67,7 @@ if TYPE_CHECKING:
 @format_option
 @with_options(*SEGMENT_OPTIONS, faults_option, *JUDGE_OPTIONS)
 @click.pass_context
-def audit(
-    ctx: click.Context,
-    /,
-    file: str,
-    all_rows: bool,
-    form: str,
-    fail_on: str | None,
-    **options: Value,
-) -> int:
+def audit(ctx: click.Context, /, file: str, all_rows: bool, form: str, fail_on: str | None, **options: Value) -> int:
     """Print which demonstrations differ from the rest, or are bad, the lowest scores first.
 
     It fits no final policy; rpil fit has the same verdicts.
@@ -107,7 +99,7 @@ def audit(
         click.echo(terminal.to_json(of_data | result.to_dict() | beside, "audit"))
     elif form != "text":
         from rpil.cli import exchange
-        from rpil.results.overview import headline
+        from rpil.results.result import headline
 
         found = [*exchange.of_audit(result), *exchange.of_faults(faults.findings)]
         click.echo(exchange.written(form, found, file, "rpil audit", headline(result)))
@@ -149,7 +141,7 @@ def print_audit(
 ) -> None:
     """Print what to look at first, the lines of the `head`, the finding, recording `faults`, the table of those to look
     at, notes, and the lines of the `closing`."""
-    from rpil.results.overview import first_sentence, look_first, verdict_sentence
+    from rpil.results.result import first_sentence, look_first, verdict_sentence
 
     width, odd = line_width(), [] if faults is None else odd_lines(faults)
     faulty = () if faults is None else faults.odd
@@ -177,7 +169,7 @@ def head_lines(description: Description) -> list[str]:
 
 def finding_lines(audit: Audit) -> list[str]:
     """The finding, and every doubt."""
-    from rpil.results.overview import headline
+    from rpil.results.result import headline
 
     sentences = headline(audit, N_FOUND), *(f"Doubt: {doubt}" for doubt in audit.doubts)
     return [line for sentence in sentences for line in fit(sentence, line_width(), 2)]
@@ -185,7 +177,7 @@ def finding_lines(audit: Audit) -> list[str]:
 
 def print_finding(audit: Audit) -> None:
     """Print the finding, the doubts, and how many demonstrations have which verdict."""
-    from rpil.results.overview import verdict_sentence
+    from rpil.results.result import verdict_sentence
 
     print_lines([*finding_lines(audit), verdict_sentence(audit)])
 

@@ -158,8 +158,7 @@ def judge(file: str, given: RunOptions, progress: StageProgress) -> AuditRun:
             raise DataError(f"{reference}: the reference is the data themselves; give other demonstrations.")
         beside = open_recording(reference, replace(columns, only=(), without=()), progress, False)
     progress(LOADING)
-    from rpil.estimators.pipeline import FitOptions
-    from rpil.estimators.settings import Settings
+    from rpil.estimators.pipeline import FitOptions, Settings
     from rpil.estimators.within_tasks import JUDGE_FEATURES, Statements, audit_recording
 
     stated, ctx = Statements.of(recording, given.labels, None, reference=beside), click.get_current_context()

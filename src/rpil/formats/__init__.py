@@ -19,14 +19,7 @@ from rpil.data.copies import RUN_KEY, run_id
 from rpil.data.demonstrations import SOURCE, Demonstrations
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, replacing
-from rpil.data.id_values import (
-    is_id_file,
-    label_codes,
-    match_demonstrators,
-    read_answers,
-    read_id_pairs,
-    read_labels,
-)
+from rpil.data.id_values import is_id_file, label_codes, match_demonstrators, read_answers, read_id_pairs, read_labels
 from rpil.data.json_files import finite
 from rpil.data.memory import Size
 from rpil.data.names import STEP, is_data

@@ -124,7 +124,7 @@ def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
     if several:
         raise DataError(f"{these.source}: {fault} {several[0]} names several; give the path of the file itself.")
     numbers = [m for m, one in arrays.items() if one.shape in ((), (1,)) and one.dtype.kind in "biuf"]
-    facts = {m: np.asarray(arrays[m][...]).item() for m in numbers if may_be_outcome(m)}  # type: ignore[index]
+    facts = {m: np.asarray(arrays[m][...]).item() for m in numbers if may_be_outcome(m)}
     own = {m: one for m, one in arrays.items() if m not in facts or one.shape == (n,)}  # of one step
     closed = {m: Closed(one.shape, one.dtype, partial(_rows, file, m)) for m, one in own.items()}
     return Part(n, closed, {_FILE_NAME: name, **tasks, **ends, **facts}), these.notes

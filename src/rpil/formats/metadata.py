@@ -20,7 +20,6 @@ from rpil.data.files import check_inside, is_hidden
 from rpil.data.json_files import LARGEST_TABLE, Parsed, parse_lines, read_json, read_text
 from rpil.data.names import EPISODE, TIMESTAMP, plain_name
 from rpil.data.recorded_facts import FILE_SESSION, Facts, outcome_of_steps
-from rpil.data.text import counted
 from rpil.formats.columns import LENGTH, Columns
 from rpil.formats.parquet_file import read_table
 from rpil.formats.steps import Steps
@@ -42,12 +41,6 @@ class Metadata:
     videos: tuple[str, ...] = ()  # observations that lie beside the table
     n_cameras: int = 0  # of videos and of images
     lengths: Mapping[Id, int] = field(default_factory=dict)  # declared steps of each demonstration
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Sentences on it for the user."""
-        unseen = f"{counted(self.n_cameras, 'camera')} {'are' if self.n_cameras > 1 else 'is'} not used"
-        return (f"{unseen}: rpil judges by numbers, not by images.",) if self.n_cameras else ()
 
 
 def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:

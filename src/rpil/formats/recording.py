@@ -17,17 +17,11 @@ from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath
 from rpil.data.id_values import check_ids
 from rpil.data.recorded_facts import Facts
+from rpil.data.text import counted
 from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids, by_column
 from rpil.formats.dataset import Dataset, Layout
 from rpil.formats.format import Defect, StepTables
-from rpil.formats.metadata import (
-    Clock,
-    Times,
-    different,
-    find_clock,
-    find_facts,
-    pairs_of,
-)
+from rpil.formats.metadata import Clock, Times, different, find_clock, find_facts, pairs_of
 from rpil.formats.places import find_places
 from rpil.formats.scan import Description, Scan, commas, left_out_lines, scan
 from rpil.formats.steps import ArrowFile, Steps
@@ -256,6 +250,7 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
     others = (name for name in (*columns.orders, *columns.index) if name != columns.order)
     times, videos = dict.fromkeys(others, TIME_OF_STEP), dict.fromkeys(metadata.videos, "video")
     ranges, constant, missing = found.summary()
+    cameras = f"{counted(n := metadata.n_cameras, 'camera')} {'are' if n > 1 else 'is'}"
     return Description(
         source=origin.source,
         format=origin.format_name,
@@ -281,7 +276,7 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
             *_notes(steps, columns, metadata.fps, recorded, constant),
             *origin.notes,
             *left_out_lines(origin.skipped),
-            *metadata.notes,
+            *[f"{cameras} not used: rpil judges by numbers, not by images."] * bool(n),
         ),
     )
 

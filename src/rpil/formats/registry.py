@@ -209,9 +209,5 @@ def writer_of(path: StrPath) -> Format:
 
 
 def suffixes() -> list[str]:
-    """The extensions of files of all formats, those of formats that are written first."""
-    order = sorted(FORMATS, key=lambda one: one.write is None)
-    return [
-        *dict.fromkeys(one.suffixes[0] for one in order if one.suffixes),
-        *(s for one in order for s in one.suffixes[1:]),
-    ]
+    """The extensions of files of all formats."""
+    return [suffix for one in FORMATS for suffix in one.suffixes]

@@ -141,7 +141,10 @@ def read_verdicts(path: StrPath) -> Table:
     with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
         text = read_text(path, LARGEST_TABLE)
         if is_list:
-            return _table_of_kept(parse(text, path.name, LARGEST_TABLE))
+            kept: dict[str, Any] = parse(text, path.name, LARGEST_TABLE)
+            rules = dict.fromkeys(kept["episodes"], "")
+            rules |= {name: rule for rule in KEEP_RULES for name in kept["rejected"].get(rule, ())}
+            return {"id": [*rules], "verdict": ["open"] * len(rules), "rejected_by": [*rules.values()]}
         rows = [*csv.DictReader(io.StringIO(text))]
         columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
     if not {"id", "verdict"} <= {*columns}:
@@ -162,13 +165,6 @@ def verdicts_about(path: StrPath, ids: Sequence[Hashable], every: Sequence[Hasha
     places = [row.get(str(name)) for name in ids]
     columns = {name: [None if k is None else values[k] for k in places] for name, values in table.items()}
     return {**columns, "id": ids}, {*row}
-
-
-def _table_of_kept(kept: Mapping[str, Any]) -> Table:
-    """A table of what `Choice.to_dict` gave."""
-    rules = dict.fromkeys(kept["episodes"], "")
-    rules |= {name: rule for rule in KEEP_RULES for name in kept["rejected"].get(rule, ())}
-    return {"id": [*rules], "verdict": ["open"] * len(rules), "rejected_by": [*rules.values()]}
 
 
 def _below(table: Table, asked: Asked) -> Sequence[bool | None]:

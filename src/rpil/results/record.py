@@ -16,8 +16,7 @@ from rpil.data.files import StrPath
 from rpil.data.text import DataFrame, data_frame
 from rpil.results.answering import looking_order
 from rpil.results.judged import Demonstrator, Interval
-from rpil.results.overview import first_sentence, headline, verdict_sentence
-from rpil.results.result import AuditResult
+from rpil.results.result import AuditResult, first_sentence, headline, verdict_sentence
 
 if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from rpil.results.choice import Choice
     from rpil.results.plots import AuditPlots
     from rpil.segments.kinds import Segments
+
 
 TITLE, IN_MEMORY = "Audit of demonstrations", "in memory"
 """The title of a page, and the name of data that have no other."""

@@ -17,13 +17,7 @@ from rpil.inference.groups import expert_share_interval
 from rpil.inference.outliers import Claims
 from rpil.inference.trust import Judgement
 from rpil.numerics.types import Array, Float
-from rpil.results.answering import (
-    rank_demonstrators,
-    rejecting_rules,
-    shown_proba,
-    verdicts_of,
-    with_answers,
-)
+from rpil.results.answering import rank_demonstrators, rejecting_rules, shown_proba, verdicts_of, with_answers
 from rpil.results.judged import AuditSettings, Interval
 from rpil.results.reasons import groups_differ
 from rpil.results.record import Audit
@@ -105,11 +99,7 @@ def parts_not_judged(data: FitData) -> tuple[str, ...]:
 
 
 def audit_from_mixture(
-    data: FitData,
-    result: MixtureFit,
-    expert_share: Interval,
-    ids: Sequence[Hashable],
-    settings: AuditSettings,
+    data: FitData, result: MixtureFit, expert_share: Interval, ids: Sequence[Hashable], settings: AuditSettings
 ) -> Audit:
     """The audit of EM with a named adversary. A demonstration is good or bad as a whole there, so its reliability and
     the weight of its steps are P(expert)."""

@@ -25,9 +25,8 @@ from rpil.numerics.types import Array
 from rpil.results.answering import looking_order
 from rpil.results.choice import choose
 from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
-from rpil.results.overview import headline
 from rpil.results.reasons import TWO_GROUPS, worst_stretch
-from rpil.results.result import AuditResult
+from rpil.results.result import AuditResult, headline
 from rpil.results.vocabulary import SIDES, numbered
 from rpil.segments.kinds import KINDS, Segments
 
