@@ -51,6 +51,7 @@ import rpil
 from rpil import formats
 from rpil.data import memory
 from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.id_values import read_answers
 from rpil.faults.report import read_expected
 from rpil.formats.dataset import Dataset
 from rpil.formats.registry import FORMATS, find
@@ -135,7 +136,7 @@ CSV_LABELS = 'id,label\né0,expert\nb,bad\n"c, d",good\n'
 READERS: dict[str, tuple[Maker, Reader]] = {
     **{name: (make, read_data) for name, make in SAMPLES.items()},
     "policy": (policy, lambda path, _: rpil.load(path)),
-    "labels, CSV": (text("l.csv", CSV_LABELS), lambda path, _: formats.read_labels(path)),
+    "labels, CSV": (text("l.csv", CSV_LABELS), lambda path, _: read_answers(path)),
     "verdicts, CSV": (text("v.csv", "id,verdict\né0,expert\nb,adversary\n"), lambda path, _: read_verdicts(path)),
     "expected, JSON": (text("e.json", RULES), lambda path, _: read_expected(path)),
 }

@@ -9,8 +9,8 @@ import pytest
 from gymnasium.envs.box2d.lunar_lander import heuristic
 
 import more_experts  # noqa: F401 (makes these known)
-from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import rollout
+from rpil.simulation.simulate import expert
 
 LEAST = {"CartPole-v1": 500, "Pendulum-v1": -600, "MountainCarContinuous-v0": 90, "LunarLanderContinuous-v3": 200}
 

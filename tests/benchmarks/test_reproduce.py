@@ -12,7 +12,7 @@ from scipy.special import logit
 
 import paper
 from rpil import BehavioralCloning, Demonstrations, rollout, simulate
-from rpil.simulation.experts import expert
+from rpil.simulation.simulate import expert
 from study import experiments, figures
 from study.experiments import EXPERIMENTS, METHODS, ORACLE, OURS, RAW_ORACLE, RECIPE
 from study.recipe import PaperRecipe

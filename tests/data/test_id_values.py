@@ -13,6 +13,7 @@ from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.id_values import (
     AnswerRow,
+    label_codes,
     label_rows,
     match_pairs,
     parse_answers,
@@ -34,12 +35,12 @@ def test_labels_csv(tmp_path, header):
     row = "{note},{label},{id}" if header.startswith("note") else "{id},{label}"
     rows = [row.format(id=i, label=word, note="") for i, word in ((7, "EXPERT"), ("a", " Bad "), ("b", "good"))]
     path.write_text("\n".join([header, *rows]), encoding="utf-8")
-    labels = formats.read_labels(path)
+    labels, _ = read_answers(path)
     assert labels == {"7": "good", "a": "bad", "b": "good"}
-    assert formats.label_codes(labels, ("b", "x", "a", 7)).tolist() == [1, 0, -1, 1]
-    assert formats.label_codes({"b": "ADVERSARY", 7: "Expert"}, ("b", 7)).tolist() == [-1, 1]
+    assert label_codes(labels, ("b", "x", "a", 7)).tolist() == [1, 0, -1, 1]
+    assert label_codes({"b": "ADVERSARY", 7: "Expert"}, ("b", 7)).tolist() == [-1, 1]
     with refused(r"labels\.csv: no demonstration is called 'a'.*; the ids are '7'"):
-        formats.label_codes(labels, [7], "labels.csv")
+        label_codes(labels, [7], "labels.csv")
 
 
 @pytest.mark.parametrize(
@@ -62,8 +63,8 @@ def test_labels_csv(tmp_path, header):
 def test_bad_labels(tmp_path, name, text, match):
     path = tmp_path / name
     path.write_text(text)
-    refused_file(match, formats.read_labels, path)
-    refused_file("no such file", formats.read_labels, tmp_path / "missing.csv")
+    refused_file(match, read_answers, path)
+    refused_file("no such file", read_answers, tmp_path / "missing.csv")
 
 
 def better(pairs):
@@ -73,12 +74,10 @@ def better(pairs):
 def test_a_file_of_answers_holds_labels_and_pairs(tmp_path):
     path = tmp_path / "answers.csv"
     path.write_text('id,label\n7,good\n7,better than 3\n7,"BETTER  Than a,b"\n3, Better than a b \n7,better than 3\n')
-    assert formats.read_answers(path) == ({"7": "good"}, better([("7", "3"), ("7", "a,b"), ("3", "a b")]))
-    assert formats.read_labels(path) == {"7": "good"}
+    assert read_answers(path) == ({"7": "good"}, better([("7", "3"), ("7", "a,b"), ("3", "a b")]))
     path.write_text("id,label\n12,Same  AS 7\n12,same as a same as b\n7,same as 12\n7,same as 3\n")
     same = dict.fromkeys([("12", "7"), ("12", "a same as b"), ("3", "7")], "same as")  # neither is the first
-    assert formats.read_answers(path) == ({}, same)
-    refused_file("labels no demonstration", formats.read_labels, path)
+    assert read_answers(path) == ({}, same)
 
 
 @pytest.mark.parametrize(
@@ -97,7 +96,7 @@ def test_a_file_of_answers_holds_labels_and_pairs(tmp_path):
 def test_bad_pairs(tmp_path, text, match):
     path = tmp_path / "answers.csv"
     path.write_text(f"id,label\n{text}")
-    refused_file(match, formats.read_answers, path)
+    refused_file(match, read_answers, path)
 
 
 def test_pairs_are_numbers_of_demonstrations():

@@ -11,6 +11,7 @@ import pytest
 
 import rpil
 from rpil import formats
+from rpil.data.id_values import read_answers
 from rpil.data.text import (
     counted,
     duration,
@@ -160,5 +161,5 @@ def test_labels_and_verdicts_name_such_ids(tmp_path, quoted):
     for name, header in (("labels.csv", "label"), ("verdicts.csv", "verdict")):
         with (tmp_path / name).open("w", newline="") as file:
             csv.writer(file).writerows([["id", header], *([one, "expert"] for one in ids)])
-    assert [*formats.read_labels(tmp_path / "labels.csv")] == FORMULAS[: len(ids)]
+    assert [*read_answers(tmp_path / "labels.csv")[0]] == FORMULAS[: len(ids)]
     assert read_verdicts(tmp_path / "verdicts.csv")["id"] == FORMULAS[: len(ids)]

@@ -17,7 +17,8 @@ from lerobot_folders import change_info
 from problems import refused
 from rpil import formats
 from rpil.data.errors import DataError
-from rpil.formats import ColumnOptions, read_recording
+from rpil.formats import read_recording
+from rpil.formats.columns import ColumnOptions
 from rpil.formats.metadata import fill, unit_of
 from samples import LENGTHS, OWNERS, SAMPLES, STATES, lerobot
 

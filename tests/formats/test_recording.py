@@ -13,7 +13,8 @@ import pytest
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.formats import ColumnOptions, read_recording, write_weights
+from rpil.formats import read_recording, write_weights
+from rpil.formats.columns import ColumnOptions
 
 M, T = 6, 30
 N = M * T

@@ -150,13 +150,6 @@ def test_a_disk_without_room_is_said_before_it_is_full(tmp_path, monkeypatch):
         read_recording(tmp_path / "a.parquet", on_disk=True)
 
 
-def test_a_folder_that_cannot_hold_the_copy_is_said(tmp_path, monkeypatch):
-    (tmp_path / "a.csv").write_text(table(["a"] * 9, [0, 1, 1] * 3))
-    monkeypatch.setenv("TMPDIR", str(tmp_path / "not there"))
-    with pytest.raises(DataError, match=r"TMPDIR is .*not there, where no file can be written\); set TMPDIR"):
-        read_recording(tmp_path / "a.csv", on_disk=True)
-
-
 def test_rows_all_over_the_file_are_read_from_few_batches(monkeypatch):
     monkeypatch.setattr(steps, "_BATCHES_AT_ONCE", 4)
     rows, read, batch = np.random.default_rng(0).permutation(7 * 40), [], steps.ArrowFile.batch

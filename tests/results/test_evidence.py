@@ -20,7 +20,7 @@ from rpil.inference.held_out import held_out_model
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import Judgement, judge
 from rpil.policies.features import FeatureMap, FeatureSettings
-from rpil.results.evidence import MAX_STEPS, StepEvidence, by_held_out_policies, deviations
+from rpil.results.summary import MAX_STEPS, StepEvidence, by_held_out_policies, deviations
 
 NAMES = ("shoulder", "elbow", "wrist")
 BAD = range(16, 20)

@@ -9,8 +9,8 @@ import pytest
 from gymnasium.envs.box2d.lunar_lander import heuristic
 
 from rpil.data.errors import DataError
-from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import rollout
+from rpil.simulation.simulate import expert
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from scipy import stats
 
 from problems import refused
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import Returns, make, record, rollout
+from rpil.simulation.simulate import expert
 
 ENVIRONMENTS = ["MountainCar-v0", "Acrobot-v1", "LunarLander-v3"]
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from problems import refused
-from rpil.simulation.experts import expert
-from rpil.simulation.simulate import BAD_KINDS, simulate
+from rpil.simulation.simulate import BAD_KINDS, expert, simulate
 
 CAR = "MountainCar-v0"
 

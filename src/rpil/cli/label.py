@@ -173,8 +173,8 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
 
 def _review(ctx: click.Context, run: commands.AuditRun, session: Session, quiet: bool) -> Review:
     """State that the page shows and changes."""
-    from rpil.cli.questions.material import EpisodeVideos
     from rpil.cli.questions.server import Review
+    from rpil.cli.questions.session import EpisodeVideos
 
     with show_stages(quiet) as progress:
         run = replace(run, faults=commands.look_for_faults(run.recording, progress))

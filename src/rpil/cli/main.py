@@ -194,8 +194,9 @@ def convert(file: str, output: str, ranges: str | None, quiet: bool, **options: 
     operator = columns.operator
     with show_stages(quiet) as progress:
         from rpil import formats
+        from rpil.formats.registry import writer_of
 
-        formats.writer_of(output)
+        writer_of(output)
         check_outputs((file, operator, ranges), [output])
         recording = commands.open_recording(file, columns, progress)
         demonstrations = recording.demonstrations.select(slice(None))  # in memory

@@ -75,14 +75,6 @@ def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what:
         raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct {what}.")
 
 
-def read_labels(path: StrPath) -> dict[str, Label]:
-    """The labels alone of a file that `read_answers` reads; a `DataError` as there, and where it has none."""
-    labels, _ = read_answers(path)
-    if not labels:
-        raise DataError(f"{Path(path).name}: it labels no demonstration; give at least one id and label.")
-    return labels
-
-
 def read_answers(path: StrPath) -> tuple[dict[str, Label], Pairs]:
     """Read labels and pairs from a CSV file with the columns ``id`` and ``label``.
 

@@ -30,11 +30,17 @@ from rpil.mixture.settings import MixtureSettings
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.settings import CrossFitSettings, SelectionSettings
-from rpil.results.evidence import COMPARED, by_held_out_policies, deviations
 from rpil.results.judged import AuditSettings
 from rpil.results.record import Audit, Interval
 from rpil.results.step_weights import weights_of
-from rpil.results.summary import audit_from_judgement, audit_from_mixture, parts_not_judged
+from rpil.results.summary import (
+    COMPARED,
+    audit_from_judgement,
+    audit_from_mixture,
+    by_held_out_policies,
+    deviations,
+    parts_not_judged,
+)
 from rpil.scale.settings import AscentSettings, SampleSettings
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rpil.data.files import StrPath
-from rpil.data.fit_data import DemonstratorNames
-from rpil.data.recorded_facts import Outcome
+from rpil.data.fit_data import DemonstratorNames, Outcome
 from rpil.estimators.cloning import Given, PolicyEstimator, as_demonstrations, see
 from rpil.estimators.pipeline import FitOptions, FitResult, Settings, final_policy
 from rpil.estimators.task import ActionBox, Labels, Task, answers_of

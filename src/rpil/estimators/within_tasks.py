@@ -18,9 +18,8 @@ from threadpoolctl import threadpool_limits
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
-from rpil.data.fit_data import DemonstratorNames, names_by_id
+from rpil.data.fit_data import DemonstratorNames, Outcome, check_outcome, check_sessions, names_by_id
 from rpil.data.names import quoted
-from rpil.data.recorded_facts import Outcome, check_outcome, check_sessions
 from rpil.estimators.pipeline import FitOptions, FitResult, Settings, fit_full
 from rpil.estimators.task import Labels, Task, answers_of, are_names
 from rpil.formats import ReadOptions, opened, read_demonstrators

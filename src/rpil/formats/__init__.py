@@ -19,7 +19,7 @@ from rpil.data.copies import RUN_KEY, run_id
 from rpil.data.demonstrations import SOURCE, Demonstrations
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, replacing
-from rpil.data.id_values import is_id_file, label_codes, match_demonstrators, read_answers, read_id_pairs, read_labels
+from rpil.data.id_values import is_id_file, match_demonstrators, read_id_pairs
 from rpil.data.json_files import finite
 from rpil.data.memory import Size
 from rpil.data.names import STEP, is_data
@@ -28,21 +28,7 @@ from rpil.formats.columns import ColumnOptions, Ids, Names, check_options
 from rpil.formats.format import Frame, from_arrow
 from rpil.formats.recording import Recording, from_demonstrations, from_tables
 from rpil.formats.registry import find, writer_of
-from rpil.formats.scan import Description
 from rpil.numerics.types import Array
-
-__all__ = [
-    "ColumnOptions",
-    "Description",
-    "Recording",
-    "label_codes",
-    "read_answers",
-    "read_labels",
-    "write_columns",
-    "write_weights",
-    "writer_of",
-]
-
 
 EXTENSIONS = (".csv", ".parquet", ".json")
 _BLOCK_STEPS = 1_048_576

@@ -17,9 +17,9 @@ import pyarrow as pa
 from rpil.data.arrays import Id, are_whole
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import check_inside, is_hidden
+from rpil.data.fit_data import FILE_SESSION, Facts, outcome_of_steps
 from rpil.data.json_files import LARGEST_TABLE, Parsed, parse_lines, read_json, read_text
 from rpil.data.names import EPISODE, TIMESTAMP, plain_name
-from rpil.data.recorded_facts import FILE_SESSION, Facts, outcome_of_steps
 from rpil.formats.columns import LENGTH, Columns
 from rpil.formats.parquet_file import read_table
 from rpil.formats.steps import Steps

@@ -15,8 +15,8 @@ from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath
+from rpil.data.fit_data import Facts
 from rpil.data.id_values import check_ids
-from rpil.data.recorded_facts import Facts
 from rpil.data.text import counted
 from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids, by_column
 from rpil.formats.dataset import Dataset, Layout

@@ -40,11 +40,8 @@ _LISTS = (".json", ".txt")
 class Formats:
     """The formats of `rpil.formats`, and of other packages: a module is imported when its turn comes."""
 
-    def __init__(self, *modules: str) -> None:
-        self._modules = modules
-
     def __iter__(self) -> Iterator[Format]:
-        for module in self._modules:
+        for module in ("parquet", "csv", "lerobot.folder", "array_files", "json_lines", "table_folder"):
             yield import_module(f"rpil.formats.{module}").FORMAT
         for point in entry_points(group="rpil.formats"):
             yield Format(point.name, called(point.name), partial(_read_foreign, point), suffixes=(point.name,))
@@ -63,7 +60,7 @@ def _read_foreign(point: EntryPoint, path: Path, options: ColumnOptions) -> Step
     return from_arrow(checked(), options, path.name, point.name)
 
 
-FORMATS: Iterable[Format] = Formats("parquet", "csv", "lerobot.folder", "array_files", "json_lines", "table_folder")
+FORMATS: Iterable[Format] = Formats()
 """The formats, in the order in which a path is shown to them: extensions of one format come first, because no file
 is opened for them; what any folder may be comes last."""
 

@@ -21,7 +21,7 @@ from rpil.data.arrays import Id
 from rpil.data.copies import RUN_KEY
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
-from rpil.data.id_values import check_ids, read_labels
+from rpil.data.id_values import check_ids, read_answers
 from rpil.data.json_files import LARGEST_TABLE, parse, read_text
 from rpil.data.text import MAX_IDS, MAX_LISTED_NAMES, from_cell, listed, printable
 from rpil.formats import write_columns
@@ -148,7 +148,7 @@ def read_verdicts(path: StrPath) -> Table:
         rows = [*csv.DictReader(io.StringIO(text))]
         columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
     if not {"id", "verdict"} <= {*columns}:
-        labels = read_labels(path)
+        labels, _ = read_answers(path)
         return {"id": list(labels), "verdict": list(labels.values()), "label": list(labels.values())}
     return columns | {"id": [from_cell(str(name)) for name in columns["id"]]}
 

@@ -91,7 +91,7 @@ class Audit(AuditResult):
     copy_of : (M,) int array
         Index of the first of the copies of each demonstration, which may be itself.
     deviations, own_reasons, rejected_by : tuple of str
-        What each demonstration does in its worst steps, against what others do there (`rpil.results.evidence`); its
+        What each demonstration does in its worst steps, against what others do there (`rpil.results.summary`); its
         reason, where that compares with others than those of the audit; and the rule of
         `rpil.results.choice.KEEP_RULES` that rejects it. Each may be "", or the tuple empty.
     anchor : {"none", "answers", "named adversary"}

@@ -9,7 +9,7 @@ import pytest
 
 from rpil import open as open_data
 from rpil import read
-from rpil.cli.questions.material import N_POINTS, Recorded
+from rpil.cli.questions.session import N_POINTS, Recorded
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import lerobot_folders
-from rpil.cli.questions.material import FRAME_WIDTH, EpisodeVideos
+from rpil.cli.questions.session import FRAME_WIDTH, EpisodeVideos
 from rpil.data.errors import DataError
 
 av = pytest.importorskip("av")

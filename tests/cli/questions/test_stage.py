@@ -11,7 +11,7 @@ import pytest
 import lerobot_folders
 from browser import needs_chromium
 from rpil import RPIL, read
-from rpil.cli.questions.material import EpisodeVideos, Recorded
+from rpil.cli.questions.session import EpisodeVideos, Recorded
 from rpil.data.id_values import AnswerRow, read_answer_rows, read_answers
 from served import need_server, review_of, serving
 from small import FAST

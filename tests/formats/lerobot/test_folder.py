@@ -12,6 +12,7 @@ from hostile import full_disk
 from lerobot_folders import change_info
 from rpil import formats
 from rpil.data.errors import DataError
+from rpil.formats.columns import ColumnOptions
 from rpil.formats.registry import find
 
 LENGTHS = (4, 6, 5, 7)
@@ -52,7 +53,7 @@ def test_metadata_that_cannot_be_opened_are_refused(dataset):
 
 def test_ids_of_a_column_are_not_taken_for_numbers_of_episodes(dataset):
     with pytest.raises(DataError, match="keep writes no folder by other ids than its own; write the list"):
-        find(dataset).keep(dataset.with_name("kept"), [1], formats.ColumnOptions(id="task_index"))
+        find(dataset).keep(dataset.with_name("kept"), [1], ColumnOptions(id="task_index"))
     assert not dataset.with_name("kept").exists()
 
 

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from rpil.cli.questions.material import EpisodeVideos, Recorded
-from rpil.cli.questions.session import Session, choices, question_sentence
+from rpil.cli.questions.session import EpisodeVideos, Recorded, Session, choices, question_sentence
 from rpil.data.arrays import check_name
 from rpil.data.errors import DataError, MissingExtraError, optional
 from rpil.data.json_files import Parsed

@@ -85,13 +85,6 @@ class Kept:
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
-    def copy_data(self) -> None:
-        """Write the data files that hold any of the episodes."""
-        for n, file in enumerate(self.old.data_files(self.wanted)):
-            self.place = divmod(n, self.n_in_chunk)
-            options = ColumnOptions(id="episode_index")
-            keep_rows(file, self.target(_DATA_PATH, self.place), self.wanted, options, self.renumbered)
-
     def renumbered(self, table: pa.Table) -> pa.Table:
         """Rows with new numbers of episode and step."""
         rows = group_rows(table["episode_index"].to_numpy())[2]
@@ -171,7 +164,10 @@ def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> Non
                 ways = "download it, leave its episodes out, or write the list with -o ids.json"
                 raise DataError(f"{shot.path}: this video is not there; {ways}.")
     copy_folder(old.path / "meta", meta, without=("episodes", "info.json"))
-    kept.copy_data()
+    for n, file in enumerate(old.data_files(ids)):
+        kept.place = divmod(n, kept.n_in_chunk)
+        by_episode_index = ColumnOptions(id="episode_index")
+        keep_rows(file, kept.target(_DATA_PATH, kept.place), ids, by_episode_index, kept.renumbered)
     with guarded(old.path / "meta" / "episodes"):
         by_episode, n = kept.write_episodes(seen), len(kept.numbers)
         info |= {"total_episodes": n, "total_frames": kept.n_steps, "data_path": _DATA_PATH}
