@@ -25,7 +25,7 @@ from threadpoolctl import threadpool_limits
 import rpil
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.rpil import RPIL
-from rpil.formats.dataset import Dataset
+from rpil.formats.format import Dataset
 from rpil.policies.features import FeatureMap, FeatureSettings
 from speed_common import Measured, Skipped, wide_regression
 from worlds.plain import choose, made, reach

@@ -155,7 +155,6 @@ WITHOUT_TESTS = {
     "faults/rule.py": "tests/faults/test_compared.py",
     "faults/motion.py": "tests/faults/test_every_rule.py",
     "faults/whole_rules.py": "tests/faults/test_every_rule.py",
-    "segments/kinds.py": "values alone",
     "inference/settings.py": "values alone",
     "policies/settings.py": "tests/estimators/test_settings.py",
     "mixture/settings.py": "values alone",
@@ -167,7 +166,6 @@ WITHOUT_TESTS = {
     "data/arrays.py": "tests/data/test_demonstrations.py",
     "formats/parquet.py": "tests/formats/test_csv.py",
     "formats/step_arrays.py": "tests/formats/test_array_layout.py",
-    "data/names.py": "tests/formats/test_csv.py",
     "formats/columns.py": "tests/formats/test_csv.py",
     "formats/format.py": "tests/formats/test_registry.py",
 }

@@ -53,7 +53,7 @@ from rpil.data import memory
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.id_values import read_answers
 from rpil.faults.report import read_expected
-from rpil.formats.dataset import Dataset
+from rpil.formats.format import Dataset
 from rpil.formats.registry import FORMATS, find
 from rpil.results.choice import read_verdicts
 from samples import SAMPLES, demonstrations

@@ -11,7 +11,7 @@ import pytest
 
 import segments
 from ocbench_episodes import EPISODES
-from rpil.segments.kinds import Segments
+from rpil.segments.ranges import Segments
 
 OCBENCH = Path(os.environ.get("RPIL_OCBENCH", "../shared/data/ocbench"))
 

@@ -2,9 +2,9 @@ import math
 
 import pytest
 
-from rpil.data import json_files
+from rpil.data import memory
 from rpil.data.errors import DataError
-from rpil.data.json_files import LARGEST_METADATA, finite, object_in, parse, parse_lines, read_json, read_text
+from rpil.data.memory import LARGEST_METADATA, finite, object_in, parse, parse_lines, read_json, read_text
 
 
 def test_text_and_json_are_read_up_to_a_limit(tmp_path):
@@ -30,7 +30,7 @@ def test_lines_of_json_hold_all_characters_but_ends_of_lines():
 
 
 def test_json_of_too_many_lists_is_refused(monkeypatch):
-    monkeypatch.setattr(json_files, "MOST_LISTS", 2)
+    monkeypatch.setattr(memory, "MOST_LISTS", 2)
     assert parse('{"a": []}', "x.json") == {"a": []}
     for text in ("[[], []]", b"[[{}]]"):
         with pytest.raises(DataError, match=r"x\.json: it holds more than 2 lists and objects"):

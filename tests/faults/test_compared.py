@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from rpil.faults.checking import without_consequences
-from rpil.faults.command_rules import CommandRule
 from rpil.faults.measured_columns import MeasuredColumns
-from rpil.faults.motion import Jump, Spike
+from rpil.faults.motion import CommandRule, Jump, Spike
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import ComparingRule, Fault, Measurements, above
 from rpil.faults.still import FrozenSensor, NeverMoves, Saturation

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.data.names import quoted
+from rpil.data.text import quoted
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions
 

@@ -80,7 +80,7 @@ def test_outcomes_are_read_when_they_are_named_and_are_no_observations(tmp_path,
     assert facts(path).outcomes == ()
     seen = formats.read_recording(path, ColumnOptions(outcome="half"))
     assert "half" not in seen.description.observations
-    with refused(r"'half' changes within .*name another column with outcome=, or 'length'"):
+    with refused(r"'half' is neither .*name another column with outcome=, or 'length'"):
         seen.facts  # noqa: B018
     with refused("'nothing'"):
         facts(path, outcome="nothing")
@@ -126,7 +126,7 @@ def test_an_outcome_that_is_named_as_data_too_is_refused(tmp_path):
 
 
 def test_text_is_no_outcome(tmp_path):
-    with refused("'day' is not of one number for each step; name another"):
+    with refused("'day' is neither one number for each demonstration, .*; name another column"):
         facts(written(tmp_path, "csv"), outcome="day")
 
 

@@ -48,7 +48,7 @@ from pathlib import Path
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 from rpil.inference.settings import HeldOutSettings, JudgeSettings, PartSettings
 from rpil.scale.settings import AscentSettings, SampleSettings
-import rpil, rpil.estimators.rpil, rpil.formats.dataset, sklearn.preprocessing, pyarrow.parquet, pyarrow.fs
+import rpil, rpil.estimators.rpil, rpil.formats.format, sklearn.preprocessing, pyarrow.parquet, pyarrow.fs
 
 def peak():
     return 1024 * int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])

@@ -9,7 +9,7 @@ import pytest
 
 from rpil import Demonstrations
 from rpil.segments.find import SegmentSettings, find_segments, near, progress, shortfall
-from rpil.segments.kinds import KINDS
+from rpil.segments.ranges import KINDS
 from worlds.tidying import CLEAN, tidied
 
 N, SETTINGS = 20, SegmentSettings()

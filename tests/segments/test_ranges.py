@@ -17,8 +17,7 @@ from idle_worlds import world
 from rpil.data.errors import DataError
 from rpil.formats import read_recording
 from rpil.formats.columns import ColumnOptions
-from rpil.segments.kinds import KINDS, Segments
-from rpil.segments.ranges import cut_out, keys_of, segment_columns, subtask_columns
+from rpil.segments.ranges import KINDS, Segments, cut_out, keys_of, segment_columns, subtask_columns
 
 IDS = ("plain", "a, b", 'say "x"', "é\u2028z", "=1+1", "__proto__")
 

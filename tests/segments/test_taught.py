@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rpil.segments.find import SegmentSettings, find_segments, marked, taught
-from rpil.segments.kinds import Segments
+from rpil.segments.ranges import Segments
 from worlds.tidying import tidied
 
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from rpil.results.choice import Asked, Choice
     from rpil.results.html.page import About
     from rpil.results.record import Audit
-    from rpil.segments.kinds import Segments
+    from rpil.segments.ranges import Segments
 
 
 _OF_STREAMS = errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF  # of stdout and stderr, without a name
@@ -127,8 +127,7 @@ class AuditRun:
     @cached_property
     def ranges(self) -> dict[str, list[tuple[int, int]]]:
         """The rows to keep, by the keys of the pattern."""
-        from rpil.segments.idle import idle_rows
-        from rpil.segments.ranges import keys_of
+        from rpil.segments.ranges import idle_rows, keys_of
 
         rule: Literal["rest", "openpi"] = "openpi" if self.idle == "openpi" else "rest"
         dropped = None if self.idle == "keep" else idle_rows(self.recording.demonstrations, rule)

@@ -23,13 +23,13 @@ from rpil.cli.options import LABEL_OPTIONS, LABELS_FILE, RunOptions, Value, comm
 from rpil.cli.terminal import show_stages
 from rpil.data.errors import DataError
 from rpil.data.files import check_outputs, is_dangling
-from rpil.data.json_files import LARGEST_TABLE, read_json
+from rpil.data.memory import LARGEST_TABLE, read_json
 from rpil.data.text import counted
 
 if TYPE_CHECKING:
     from rpil.cli.questions.server import Review
     from rpil.cli.questions.session import Session
-    from rpil.data.json_files import Parsed
+    from rpil.data.memory import Parsed
     from rpil.results.html.page import View
     from rpil.results.record import Audit
 

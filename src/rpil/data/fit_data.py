@@ -18,8 +18,8 @@ from rpil.data.arrays import check_name
 from rpil.data.demonstrations import DemonstrationSet
 from rpil.data.errors import DataError
 from rpil.data.id_values import check_ids, read_id_pairs
-from rpil.data.names import plain_name
 from rpil.data.spaces import Space
+from rpil.data.text import plain_name
 from rpil.numerics.types import Array, Float, Int
 
 

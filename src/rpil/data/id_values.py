@@ -14,9 +14,8 @@ import numpy as np
 
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
-from rpil.data.json_files import LARGEST_TABLE, read_text
-from rpil.data.names import EPISODE, quoted
-from rpil.data.text import from_cell, to_cell
+from rpil.data.memory import LARGEST_TABLE, read_text
+from rpil.data.text import EPISODE, from_cell, quoted, to_cell
 from rpil.numerics.types import Array, Int
 
 Label = Literal["good", "bad"]

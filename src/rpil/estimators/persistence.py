@@ -65,10 +65,10 @@ def save(estimator: SavedEstimator, path: StrPath) -> None:
             "(rpil audit --weights, or audit_.step_weight) and fit to them again."
         ) from None
     given, params = estimator.get_params(deep=False), dict[str, Any]()
-    for name in given.keys() - {"progress", "engine"}:  # parameters that cannot be encoded are dropped
+    for name in [name for name in given if name not in ("progress", "engine")]:
         value = given[name]
         plain = [np.asarray(part).tolist() for part in value] if isinstance(value, list | tuple | np.ndarray) else value
-        with suppress(TypeError):
+        with suppress(TypeError):  # those that cannot be encoded are dropped
             params[name] = encode(plain, f"params/{name}", arrays)
     header = {
         "class": kind,

@@ -16,7 +16,7 @@ from rpil.estimators.pipeline import FitOptions, FitResult, Settings, final_poli
 from rpil.estimators.task import ActionBox, Labels, Task, answers_of
 from rpil.estimators.within_tasks import Statements, fit_task, fit_within_tasks
 from rpil.formats.columns import Names
-from rpil.formats.dataset import Dataset
+from rpil.formats.format import Dataset
 from rpil.formats.recording import Recording
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State

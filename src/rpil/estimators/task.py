@@ -36,7 +36,7 @@ from rpil.data.id_values import (
 )
 from rpil.data.spaces import Space, action_space, encode_actions
 from rpil.formats.columns import Names
-from rpil.formats.dataset import Dataset
+from rpil.formats.format import Dataset
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float
 

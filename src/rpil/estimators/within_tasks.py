@@ -19,13 +19,12 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.fit_data import DemonstratorNames, Outcome, check_outcome, check_sessions, names_by_id
-from rpil.data.names import quoted
+from rpil.data.text import quoted
 from rpil.estimators.pipeline import FitOptions, FitResult, Settings, fit_full
 from rpil.estimators.task import Labels, Task, answers_of, are_names
 from rpil.formats import ReadOptions, opened, read_demonstrators
 from rpil.formats.columns import ColumnOptions, Names, check_options
-from rpil.formats.dataset import Dataset
-from rpil.formats.format import Frame
+from rpil.formats.format import Dataset, Frame
 from rpil.formats.recording import Recording
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array

@@ -24,8 +24,7 @@ from rpil.faults.rule import ComparingRule, Fault, Grouping, Learned, Measure, M
 from rpil.faults.whole_rules import Duplicate, Length, OtherLag, trims
 from rpil.formats import ReadOptions, opened
 from rpil.formats.columns import ColumnOptions, check_options
-from rpil.formats.dataset import Dataset
-from rpil.formats.format import Frame
+from rpil.formats.format import Dataset, Frame
 from rpil.formats.metadata import Times
 from rpil.formats.recording import Recording
 from rpil.formats.registry import find_format

@@ -11,9 +11,9 @@ from functools import cached_property
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, check_readable
-from rpil.data.json_files import LARGEST_TABLE, read_json
+from rpil.data.memory import LARGEST_TABLE, read_json
 from rpil.data.text import DataFrame, counted, data_frame, one_line, printable
-from rpil.faults import command_rules, conventions, motion, recorded, settings, still, whole_rules  # noqa: F401  their rules
+from rpil.faults import conventions, motion, recorded, settings, still, whole_rules  # noqa: F401  their rules
 from rpil.faults.rule import Fault, Grouping, Rule, in_words
 from rpil.formats import write_columns
 

@@ -20,7 +20,7 @@ from rpil.data.text import counted, duration, listed, moment, one_line, printabl
 from rpil.faults import settings
 from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, pilot
 from rpil.faults.tracking import Pair, Tracked, are_strangers, find_lag, find_tracked
-from rpil.formats.dataset import Dataset
+from rpil.formats.format import Dataset
 from rpil.numerics.types import Array, Int
 
 

@@ -20,9 +20,8 @@ from rpil.data.demonstrations import SOURCE, Demonstrations
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, replacing
 from rpil.data.id_values import is_id_file, match_demonstrators, read_id_pairs
-from rpil.data.json_files import finite
-from rpil.data.memory import Size
-from rpil.data.names import STEP, is_data
+from rpil.data.memory import Size, finite
+from rpil.data.text import STEP, is_data
 from rpil.formats import csv, parquet, table
 from rpil.formats.columns import ColumnOptions, Ids, Names, check_options
 from rpil.formats.format import Frame, from_arrow
@@ -53,12 +52,6 @@ class ReadOptions(TypedDict, total=False):
     session: str | None
     split_gap: float | None
     segment: float | None
-
-
-class OpenOptions(ReadOptions, total=False):
-    """All of `ColumnOptions`."""
-
-    outcome: Names
 
 
 def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions]) -> Demonstrations:
@@ -106,7 +99,9 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
     return demonstrations
 
 
-def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpack[OpenOptions]) -> Recording:
+def open(
+    path: StrPath | Frame, *, on_disk: bool | None = None, outcome: Names = (), **columns: Unpack[ReadOptions]
+) -> Recording:
     """Open a recording once, and ask everything of it.
 
     ``recording.describe()`` is ``rpil info``, ``rpil.check(recording)`` is ``rpil check``, ``recording.keep(ids,
@@ -119,7 +114,7 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
     on_disk : bool, optional
         Leave the demonstrations on disk, as a `Dataset` (a copy in a temporary folder), or read them into memory; by
         default data that take more than `memory` stay on disk.
-    **columns
+    outcome, **columns
         As for `rpil.read`, and ``operator``, ``task``, ``session``, ``outcome``: see `ColumnOptions`.
 
     Returns
@@ -138,8 +133,7 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
     >>> audit = rpil.RPIL().fit(recording).audit_     # doctest: +SKIP
     """
     check_options(columns)
-    options = ColumnOptions(**columns)
-    return read_recording(path, options, on_disk=on_disk)
+    return read_recording(path, ColumnOptions(outcome=outcome, **columns), on_disk=on_disk)
 
 
 def opened(data: object, options: ColumnOptions) -> Recording:

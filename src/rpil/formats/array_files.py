@@ -15,8 +15,8 @@ from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import is_hidden, replacing
-from rpil.data.json_files import object_in, read_json
-from rpil.data.names import TASK, is_observation, may_be_outcome, natural_key, plain_name
+from rpil.data.memory import object_in, read_json
+from rpil.data.text import TASK, is_observation, may_be_outcome, natural_key, plain_name
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.containers import ZIP, is_zarr, keep_groups, open_hdf5, open_zarr

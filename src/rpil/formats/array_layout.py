@@ -16,7 +16,7 @@ import numpy as np
 from rpil.data.arrays import are_whole, as_names
 from rpil.data.errors import DataError
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
-from rpil.data.names import ACTION_COLUMNS, EPISODE, plain_name
+from rpil.data.text import ACTION_COLUMNS, EPISODE, plain_name
 from rpil.formats.columns import ColumnOptions, as_list
 from rpil.formats.format import StepTables
 from rpil.formats.metadata import Metadata

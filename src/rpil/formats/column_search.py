@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 
-from rpil.data import names as spellings
+from rpil.data import text as spellings
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FILE_SESSION
-from rpil.data.names import plain_name, quoted, short_name
+from rpil.data.text import plain_name, quoted, short_name
 from rpil.formats.columns import LENGTH, STRETCH, TIME_OF_STEP, ColumnOptions, Columns, Names, by_column, check_names
 from rpil.formats.table import Kind
 

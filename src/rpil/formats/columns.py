@@ -13,7 +13,7 @@ from rpil.data.errors import DataError
 from rpil.data.fit_data import FILE_SESSION
 from rpil.data.id_values import is_id_file
 from rpil.data.memory import Size, parse_size
-from rpil.data.names import short_name
+from rpil.data.text import short_name
 
 Names = str | Sequence[str]
 """Names of columns, or patterns such as ``joint_*``; several may stand in one text, with commas between them."""

@@ -24,7 +24,7 @@ import numpy as np
 from rpil.data.errors import DataError, guarded, optional
 from rpil.data.files import check_readable
 from rpil.data.memory import MIB, check_free
-from rpil.data.names import natural_key
+from rpil.data.text import natural_key
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.step_arrays import Closed

@@ -77,13 +77,9 @@ class TextTable:
         return n_lines + (last != b"\n")
 
 
-TextRow = tuple[int, str, list[str], str]
-"""A line of a text table: its number, from 1; the line with its end; its values, of which a comment, an empty line and
-the header have none; and what is wrong with it."""
-
-
-def text_rows(file: TextTable) -> Iterator[TextRow]:
-    """All lines of a text table: each is one row, so that a quotation ends in its line."""
+def text_rows(file: TextTable) -> Iterator[tuple[int, str, list[str], str]]:
+    """All lines of a text table: each is one row, so that a quotation ends in its line. Its number, from 1; the line
+    with its end; its values, of which a comment, an empty line and the header have none; and what is wrong with it."""
     with guarded(file.path.name, *_FAULT), file.path.open(encoding="utf-8", newline="") as source:
         for number, line in enumerate(source, 1):
             if number <= file.skip_rows or not line.strip():

@@ -12,7 +12,7 @@ import pyarrow.json
 
 from rpil.data.errors import guarded
 from rpil.data.memory import check_memory
-from rpil.data.names import natural_key
+from rpil.data.text import natural_key
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE, MEMORY_PER_BYTE

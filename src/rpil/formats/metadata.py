@@ -18,8 +18,8 @@ from rpil.data.arrays import Id, are_whole
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import check_inside, is_hidden
 from rpil.data.fit_data import FILE_SESSION, Facts, outcome_of_steps
-from rpil.data.json_files import LARGEST_TABLE, Parsed, parse_lines, read_json, read_text
-from rpil.data.names import EPISODE, TIMESTAMP, plain_name
+from rpil.data.memory import LARGEST_TABLE, Parsed, parse_lines, read_json, read_text
+from rpil.data.text import EPISODE, TIMESTAMP, plain_name
 from rpil.formats.columns import LENGTH, Columns
 from rpil.formats.parquet_file import read_table
 from rpil.formats.steps import Steps
@@ -64,31 +64,25 @@ def _sessions(name: str, steps: Steps, files: Sequence[str]) -> tuple[str, ...]:
         if not files:
             raise DataError(f"{steps.source}: its files make no sessions; name a column with --session.")
         return tuple(files)
-    pairs, ids = pairs_of(steps, name), {str(m): m for m in steps.ids}
+    pairs = pairs_of(steps, name)
     counts = Counter(m for m, _ in pairs)
-    for m, value in pairs:
-        if value is None or counts[m] > 1:
-            fault = "has no value" if value is None else "changes"
-            place = f"{steps.source}, demonstration {ids[m]!r}"
-            raise DataError(f"{place}: column {name!r} {fault} within it; give it one session.")
+    if wrong := [m for m, value in pairs if value is None or counts[m] > 1]:
+        place = f"{steps.source}, demonstration {wrong[0]}"
+        raise DataError(f"{place}: column {name!r} changes, or has no value, within it; give it one session.")
     return tuple(str(value) for _, value in pairs)
 
 
 def _outcome(table: pa.Table, wanted: str, columns: Columns, offsets: Array, source: str) -> Float[Array, " M"]:
     """The outcome of each demonstration in the `wanted` column, with NaN where it is not known."""
     name = wanted.removeprefix("-")
-    ways = f"name another column with --outcome, or {LENGTH!r}"
     found: Array | None = np.diff(offsets).astype(float)
     if name != LENGTH:
         values = numbers_or_missing(table[name])
-        if values is None or values.shape[1] != 1:
-            raise DataError(f"{source}: column {name!r} is not of one number for each step; {ways}.")
-        found = outcome_of_steps(values[:, 0].astype(float), offsets, name)
+        is_one = values is not None and values.shape[1] == 1
+        found = outcome_of_steps(values[:, 0].astype(float), offsets, name) if values is not None and is_one else None
     if found is None:
-        raise DataError(
-            f"{source}: column {name!r} changes within demonstrations and is neither a reward nor a flag of 0 and 1, "
-            f"so that nothing says which value is the outcome; {ways}."
-        )
+        kinds = "neither one number for each demonstration, nor a reward, nor a flag of 0 and 1"
+        raise DataError(f"{source}: column {name!r} is {kinds}; name another column with --outcome, or {LENGTH!r}.")
     return (
         found if wanted == name else float(np.isin(found[~np.isnan(found)], (0, 1)).all()) - found
     )  # a flag stays one

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from rpil.data.errors import DamagedError, DataError
 from rpil.data.files import StrPath, replacing
 from rpil.data.memory import check_memory
-from rpil.data.names import EPISODE, is_data
+from rpil.data.text import EPISODE, is_data
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from rpil.data.arrays import Id, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
-from rpil.data.names import ORDER_COLUMNS, OUTCOME, plain_name
+from rpil.data.text import ORDER_COLUMNS, OUTCOME, plain_name
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
 from rpil.formats.metadata import find_clock

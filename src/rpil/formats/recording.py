@@ -19,8 +19,7 @@ from rpil.data.fit_data import Facts
 from rpil.data.id_values import check_ids
 from rpil.data.text import counted
 from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids, by_column
-from rpil.formats.dataset import Dataset, Layout
-from rpil.formats.format import Defect, StepTables
+from rpil.formats.format import Dataset, Defect, Layout, StepTables
 from rpil.formats.metadata import Clock, Times, different, find_clock, find_facts, pairs_of
 from rpil.formats.places import find_places
 from rpil.formats.scan import Description, Scan, commas, left_out_lines, scan

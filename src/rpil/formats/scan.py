@@ -19,7 +19,7 @@ from rpil.data.errors import DamagedError, DataError
 from rpil.data.text import counted, listed
 from rpil.formats import table as flat
 from rpil.formats.columns import TIME_OF_STEP, Columns
-from rpil.formats.dataset import Layout, value_type
+from rpil.formats.format import Layout, value_type
 from rpil.formats.steps import Steps
 from rpil.formats.table import Place
 from rpil.numerics.types import Array

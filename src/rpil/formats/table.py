@@ -13,7 +13,7 @@ from rpil.data.arrays import LONGEST_TEXT, are_whole, as_array, check_any
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.memory import check_memory
-from rpil.data.names import EPISODE, STEP, action_columns, quoted
+from rpil.data.text import EPISODE, STEP, action_columns, quoted
 from rpil.numerics.types import Array
 
 Kind = Literal["number", "list", "text", "mixed", "time", "empty", "nested"]

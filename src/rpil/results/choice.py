@@ -22,7 +22,7 @@ from rpil.data.copies import RUN_KEY
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
 from rpil.data.id_values import check_ids, read_answers
-from rpil.data.json_files import LARGEST_TABLE, parse, read_text
+from rpil.data.memory import LARGEST_TABLE, parse, read_text
 from rpil.data.text import MAX_IDS, MAX_LISTED_NAMES, from_cell, listed, printable
 from rpil.formats import write_columns
 from rpil.results.judged import PROVENANCE_KEY

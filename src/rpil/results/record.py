@@ -20,10 +20,10 @@ from rpil.results.result import AuditResult, first_sentence, headline, verdict_s
 
 if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
-    from rpil.formats.dataset import Dataset
+    from rpil.formats.format import Dataset
     from rpil.results.choice import Choice
     from rpil.results.plots import AuditPlots
-    from rpil.segments.kinds import Segments
+    from rpil.segments.ranges import Segments
 
 
 TITLE, IN_MEMORY = "Audit of demonstrations", "in memory"
@@ -146,7 +146,7 @@ class Audit(AuditResult):
         """Where in its `demonstrations` something is: acts, idle rows, takeovers, with scores and reasons; each among
         those of the same task, by ids as text."""
         from rpil.segments.find import find_segments
-        from rpil.segments.kinds import joined
+        from rpil.segments.ranges import joined
 
         if demonstrations.ids != self.ids or not np.array_equal(demonstrations.offsets, self.offsets):
             raise DataError(f"{demonstrations.source}: these are not the demonstrations of the audit; give those.")

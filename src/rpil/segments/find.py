@@ -26,8 +26,7 @@ from rpil.inference.answers import Answers
 from rpil.inference.channels import normal_scores
 from rpil.inference.settings import AnswerSettings
 from rpil.numerics.types import Array, Bool, Float, Int
-from rpil.segments.idle import idle_rows
-from rpil.segments.kinds import KINDS, Segments
+from rpil.segments.ranges import KINDS, Segments, idle_rows
 
 MarkedRows = tuple[int, int, int, bool]
 """The number of a demonstration, its first row, the row after the last, and whether these are good."""

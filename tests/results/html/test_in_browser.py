@@ -21,7 +21,7 @@ from rpil.results.answering import looking_order
 from rpil.results.html.page import About, write_page
 from rpil.results.judged import Provenance
 from rpil.results.record import Audit, Demonstrator
-from rpil.segments.kinds import Segments
+from rpil.segments.ranges import Segments
 
 pytestmark = [pytest.mark.slow, needs_chromium]
 

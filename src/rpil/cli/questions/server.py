@@ -18,7 +18,7 @@ from markupsafe import Markup
 from rpil.cli.questions.session import EpisodeVideos, Recorded, Session, choices, question_sentence
 from rpil.data.arrays import check_name
 from rpil.data.errors import DataError, MissingExtraError, optional
-from rpil.data.json_files import Parsed
+from rpil.data.memory import Parsed
 from rpil.results.html.page import About, View, drawings, html_environment, make_view, render_page
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from starlette.responses import Response
 
     from rpil.data.demonstrations import Demonstrations
-    from rpil.formats.dataset import Dataset
+    from rpil.formats.format import Dataset
 
 MAX_BODY, MAX_ADDRESS = 65_536, 4096
 """Bytes of what is posted, and of an address, in which Python reads no longer number."""

@@ -29,8 +29,7 @@ from rpil.data.id_values import (
     write_answers,
 )
 from rpil.data.text import MAX_IDS, counted, listed, printable
-from rpil.formats.dataset import Dataset
-from rpil.formats.format import Shot
+from rpil.formats.format import Dataset, Shot
 from rpil.formats.lerobot.video import load_av, picture
 from rpil.formats.registry import find_format
 from rpil.numerics.types import Array, Float

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from rpil.data.arrays import group_rows
 from rpil.data.errors import DataError, MissingExtraError, guarded
 from rpil.data.files import check_inside, copy_folder, new_folder
-from rpil.data.json_files import Parsed
+from rpil.data.memory import Parsed
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot.video import NEAR_SECONDS, find_faults, load_av
 from rpil.formats.metadata import MetaFolder, cameras, chunk_size, fill, frame_rate, usual_step

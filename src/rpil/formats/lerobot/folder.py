@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from rpil.data.arrays import group_rows
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import check_readable, copy_folder
-from rpil.data.json_files import Parsed, read_json
+from rpil.data.memory import Parsed, read_json
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, Shot
