@@ -40,8 +40,8 @@ from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).parents[1]
 JUDGE = ("outliers", "answers", "answered", "two_parts", "trust", "groups")
-ACTS = ("step_weights", "choice", "answering", "tasks", "reasons", "overview")
-FAULTS = ("motion", "whole_rules", "recorded", "rule", "measured_columns", "lag", "still", "tracking")
+ACTS = ("step_weights", "choice", "answering", "tasks", "reasons", "result")
+FAULTS = ("motion", "whole_rules", "recorded", "rule", "measured_columns", "still", "tracking")
 ROOMS = dict.fromkeys(JUDGE, "inference") | dict.fromkeys(ACTS, "results") | dict.fromkeys(FAULTS, "faults")
 """The modules that are changed where none is named, and their rooms."""
 MORE_TESTS = (
@@ -51,6 +51,7 @@ MORE_TESTS = (
         "step_weights": "scale/test_fit.py",
         "choice": "cli/test_keep_rules.py",
         "tasks": "estimators/test_within_tasks.py",
+        "result": "results/test_overview.py",
     }
 )
 """Tests of a module beside those of its name: patterns of files."""
