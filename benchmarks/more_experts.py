@@ -1,6 +1,6 @@
 """Experts of further environments: to import this module is to make them known to `rpil.simulate`.
 
-Each is a formula, as those in `rpil.simulation.experts`.
+Each is a formula, as those in `rpil.simulation.simulate`.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpil.numerics.types import Array
-from rpil.simulation.experts import EXPERTS
+from rpil.simulation.simulate import EXPERTS
 
 
 def _lander_throttles(observations: NDArray[np.floating]) -> Array:

@@ -27,7 +27,7 @@ from provenance import line, provenance
 from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.regression import mean_ranks
 from rpil.segments.find import find_segments, shortfall
-from rpil.segments.kinds import KINDS, Segments
+from rpil.segments.ranges import KINDS, Segments
 from tables import table
 from worlds import Array
 from worlds.tidying import CLEAN, PLANTED, tidied

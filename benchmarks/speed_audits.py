@@ -25,7 +25,7 @@ from threadpoolctl import threadpool_limits
 import rpil
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.rpil import RPIL
-from rpil.formats.dataset import Dataset
+from rpil.formats.format import Dataset
 from rpil.policies.features import FeatureMap, FeatureSettings
 from speed_common import Measured, Skipped, wide_regression
 from worlds.plain import choose, made, reach
@@ -120,7 +120,7 @@ def command_seconds(name: str, path: Path) -> tuple[float, float]:
     """CPU seconds and GiB of a command on `path`, in a process of its own."""
     words = [sys.executable, "-c", "from rpil.cli.entry import main; main()", name, str(path)]
     with tempfile.TemporaryFile() as output:
-        run = subprocess.Popen(words, stdout=output, stderr=output, cwd=path.parent, env=_environment())
+        run = subprocess.Popen(words, stdout=output, stderr=output, cwd=path.parent, env=environment())
         _, status, usage = os.wait4(run.pid, 0)
         run.returncode = os.waitstatus_to_exitcode(status)
         if run.returncode not in (0, 1):  # 1: there are faults
@@ -129,7 +129,7 @@ def command_seconds(name: str, path: Path) -> tuple[float, float]:
     return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 2**20
 
 
-def _environment() -> dict[str, str]:
+def environment() -> dict[str, str]:
     """That of a user, whose modules are compiled once."""
     return {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
 
@@ -191,7 +191,7 @@ def start(size: dict[str, int], repeats: int) -> Measured:
             for name, words in commands.items():
                 before = _children_seconds()
                 subprocess.run(
-                    [sys.executable, *words], capture_output=True, check=True, cwd=temporary, env=_environment()
+                    [sys.executable, *words], capture_output=True, check=True, cwd=temporary, env=environment()
                 )
                 used[name].append(_children_seconds() - before)
     seconds = {name: float(np.median(of[1:])) for name, of in used.items()}

@@ -44,6 +44,18 @@ def changed(episodes, m, **arrays):
     return episodes
 
 
+def edited(values, rows, columns, new):
+    """A copy of the values (T, C) with others in some rows and columns."""
+    out = values.copy()
+    out[rows, columns] = new
+    return out
+
+
+def spike(observations, ids):
+    """Damage that `write_recording` does to the fifth demonstration."""
+    observations[np.flatnonzero(ids == 4)[60], 1] += 30
+
+
 def write_recording(path, damage=None, timestamps=True):
     """A recording at 30 frames a second; `damage` changes its observations (N, 3), and may be given NaN."""
     episodes = recording()

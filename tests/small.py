@@ -7,13 +7,7 @@ from typing import Any
 from rpil import RPIL, MixtureSettings, SampleSettings, Settings
 from rpil.inference.settings import GroupSettings, JudgeSettings
 
-SAMPLE = SampleSettings(
-    min_steps=600,
-    steps_per_coefficient=20,
-    n_demonstrations=20,
-    min_samples=4,
-    block_steps=700,
-)
+SAMPLE = SampleSettings(min_steps=600, steps_per_coefficient=20, n_demonstrations=20, min_samples=4, block_steps=700)
 ONE_SHARE = JudgeSettings(groups=GroupSettings(noise_shares=(0.1,)))
 """One share of the variance of a score instead of two: their choice takes most of the time of a small fit."""
 

@@ -13,13 +13,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from recordings import write_recording
+from recordings import spike, write_recording
 
 ROOT = Path(__file__).parents[1]
-
-
-def spike(observations, ids):
-    observations[(ids == 4).nonzero()[0][60], 1] += 30
 
 
 @pytest.fixture

@@ -103,7 +103,7 @@ def test_imports_go_one_way_and_in_no_circle_between_files():
         ("rpil.numerics.blocks", "def f():\n    from rpil.policies.folds import deal"),
         ("rpil.data.archive", "from rpil import __version__"),
         ("rpil.data.files", "from ..cli import main"),
-        ("rpil.simulation.experts", "if TYPE_CHECKING:\n    from rpil.estimators.rpil import RPIL"),
+        ("rpil.simulation.simulate", "if TYPE_CHECKING:\n    from rpil.estimators.rpil import RPIL"),
     ],
 )
 def test_a_breach_is_seen(module, source):
@@ -152,12 +152,9 @@ def test_no_two_constants_share_a_name():
 WITHOUT_TESTS = {
     "faults/settings.py": "values alone",
     "faults/measured_columns.py": "tests/faults/test_checking.py",
-    "faults/lag.py": "tests/faults/test_measured.py",
     "faults/rule.py": "tests/faults/test_compared.py",
     "faults/motion.py": "tests/faults/test_every_rule.py",
     "faults/whole_rules.py": "tests/faults/test_every_rule.py",
-    "segments/kinds.py": "values alone",
-    "segments/settings.py": "values alone",
     "inference/settings.py": "values alone",
     "policies/settings.py": "tests/estimators/test_settings.py",
     "mixture/settings.py": "values alone",
@@ -169,10 +166,8 @@ WITHOUT_TESTS = {
     "data/arrays.py": "tests/data/test_demonstrations.py",
     "formats/parquet.py": "tests/formats/test_csv.py",
     "formats/step_arrays.py": "tests/formats/test_array_layout.py",
-    "data/names.py": "tests/formats/test_csv.py",
     "formats/columns.py": "tests/formats/test_csv.py",
     "formats/format.py": "tests/formats/test_registry.py",
-    "data/run.py": "one function, tested with the files that carry its result",
 }
 """Files of the library that no test file is named after, and why."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import runpy
 import sys
 from pathlib import Path
@@ -62,6 +61,15 @@ def test_each_module_has_its_own_tests_and_those_beside():
     assert TOOL["tests_of"]("answering")[-2:] == ["-m", "not slow"]
 
 
+def test_every_night_takes_every_room_and_a_room_takes_its_modules():
+    root = TOOL["ROOT"]
+    text = (root / ".github" / "workflows" / "nightly.yml").read_text()
+    listed = text.partition("room: [")[2].partition("]")[0].split(", ")
+    assert sorted(listed) == sorted(path.parent.name for path in (root / "src" / "rpil").glob("*/__init__.py"))
+    assert {"numerics/blocks", "numerics/newton"} <= {*TOOL["modules_of"]("numerics")}
+    assert {*TOOL["JUDGE"], "inference/findings"} <= {*TOOL["modules_of"]("inference")}
+
+
 @pytest.mark.parametrize(
     ("module", "remedy"), [("results/nothing", "write ROOM/NAME"), ("results/judged", "name some with --tests")]
 )
@@ -70,23 +78,3 @@ def test_a_module_without_a_file_or_tests_is_refused(module, remedy, monkeypatch
     monkeypatch.setattr(sys, "argv", ["mutants.py", "--modules", module])
     with pytest.raises(SystemExit, match=remedy):
         TOOL["main"]()
-
-
-def test_a_mutant_takes_the_place_of_its_module_alone(monkeypatch):
-    """The copy in which the tests run holds the changed module, and the library elsewhere."""
-    module, seen = "outliers", []
-
-    def run(folder, tests):
-        own = TOOL["path_of"](module, Path(folder) / "rpil")
-        files = [path for path in own.parent.glob("*.py") if path != own]
-        assert len(files) > 5
-        assert all(path.read_text() == TOOL["path_of"](module).with_name(path.name).read_text() for path in files)
-        assert tests == TOOL["tests_of"](module)
-        seen.append(own.read_text())
-
-    monkeypatch.setattr(os, "fork", lambda: 0)  # the tests would run in the child
-    for name, value in (("run", run), ("waited", lambda child: child)):
-        monkeypatch.setitem(TOOL["passes"].__globals__, name, value)
-    for source in ("x = 1", None):
-        assert TOOL["passes"](module, source)
-    assert seen == ["x = 1", TOOL["path_of"](module).read_text()]

@@ -16,7 +16,6 @@ from click.testing import CliRunner
 
 import rpil
 from rpil.cli.main import main
-from rpil.data.files import replacing
 
 TOOL = runpy.run_path(str(Path(__file__).parents[1] / "tools" / "path_of_audit.py"))
 
@@ -69,15 +68,6 @@ def test_a_file_that_another_process_holds_open_stays_and_the_error_names_it(dri
     assert "cannot be written" in done.stderr
     assert Path("kept.csv").read_text() == "old\n"
     assert {path.name for path in Path().iterdir()} == {"drive.csv", "kept.csv", "labels.csv"}
-
-
-def test_output_is_moved_by_a_call_that_every_system_has(tmp_path, monkeypatch):
-    """`os.rename` does not replace a file on Windows."""
-    monkeypatch.delattr(os, "rename")
-    (tmp_path / "a.txt").write_text("old")
-    with replacing(tmp_path / "a.txt") as temporary:
-        temporary.write_text("new")
-    assert (tmp_path / "a.txt").read_text() == "new"
 
 
 ELSEWHERE = """

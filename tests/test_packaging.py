@@ -103,22 +103,6 @@ def test_every_requirement_has_a_lowest_version():
         tool["lowest"]("numpy<3")
 
 
-@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
-@pytest.mark.parametrize("target", ["demo", "docs", "paper"])
-def test_make_says_what_it_does_before_it_waits_for_pip(target):
-    command = ["make", "--dry-run", "VENV=no-such-folder", target]
-    # `make test` passes its own flags on in the environment, and the make below would speak of its folder first.
-    env = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")}
-    run = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, check=True)
-    lines = run.stdout.splitlines()
-    installs = [k for k, line in enumerate(lines) if " pip install " in line]
-    assert re.search(r"^echo .* takes about three minutes\.", lines[0])
-    assert len(installs) == (2 if target == "docs" else 1)
-    for k in installs:
-        said = next(line for line in reversed(lines[:k]) if line.startswith("echo"))
-        assert re.search(r"pip.* takes about (three|a) minutes?\.", said)
-
-
 @pytest.mark.slow
 def test_the_package_works_without_extras(tmp_path):
     """The files that are packed, with the packages that rpil needs alone; `.ci/run` builds the wheel, and has an empty

@@ -1,5 +1,4 @@
-"""Properties of every audit: what changes nothing of the demonstrations changes no word about them. Names, files and
-order are those of tests/estimators/test_same_words.py, clusters of tests/scale/test_dask.py.
+"""Properties of every audit: what changes nothing of the demonstrations changes no word about them.
 
 Sets are drawn by hypothesis: careful people beside careless ones or ones with another rule, in classes or numbers.
 ``RPIL_EXAMPLES=100`` draws more of them for each property than the few of every day.
@@ -10,9 +9,12 @@ from __future__ import annotations
 import os
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 import rpil
+from small import small_rpil
 
 pytest.importorskip("hypothesis", reason="hypothesis is not installed: pip install 'rpil[dev]'")
 from hypothesis import HealthCheck, Phase, given, settings
@@ -55,6 +57,62 @@ def words(data: rpil.Demonstrations) -> dict[object, str]:
 
 def made(states, actions, ids) -> rpil.Demonstrations:
     return rpil.Demonstrations.from_groups(states, actions, ids)
+
+
+@FEW
+@given(sets(), st.integers(0, 1000))
+def test_order_and_names_of_demonstrations_change_no_word(drawn, seed):
+    states, actions, ids, _ = drawn
+    rng = np.random.default_rng(seed)
+    order, names = rng.permutation(ids.max() + 1), rng.permutation(1000)
+    rows = np.concatenate([np.flatnonzero(ids == m) for m in order])
+    once = words(made(states, actions, ids))
+    renamed = {"finding": once["finding"]} | {names[m]: once[m] for m in order}
+    assert words(made(states[rows], actions[rows], names[ids[rows]])) == renamed
+
+
+@FEW
+@given(sets(), st.permutations(["shoulder", "elbow", "wrist", "hip", "knee"]), st.integers(1, 4))
+def test_columns_and_files_change_no_word(tmp_path_factory, drawn, names, n_files):
+    states, actions, ids, _ = drawn
+    columns = {"episode": ids, **dict(zip("abc", states.T, strict=True)), "action": actions.reshape(-1)}
+    folder, table = tmp_path_factory.mktemp("files"), pa.table(columns)
+    pq.write_table(table, folder / "one.parquet")
+    renamed = table.rename_columns(["episode", *names[:3], "action"])
+    renamed = renamed.select(sorted(renamed.column_names, key=[*names, "action", "episode"].index))
+    (folder / "many").mkdir()
+    for k in range(n_files):
+        pq.write_table(renamed.filter(ids * n_files // (ids.max() + 1) == k), folder / "many" / f"{names[k]}.parquet")
+    assert words(folder / "many") == words(folder / "one.parquet")
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    distributed = pytest.importorskip("distributed", reason="distributed is not installed: pip install 'rpil[dask]'")
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": False, "dashboard_address": ":0"}
+    with distributed.LocalCluster(**options) as local, distributed.Client(local, set_as_default=False) as client:
+        yield client
+
+
+@settings(FEW, max_examples=(N_EXAMPLES + 1) // 2)
+@given(sets(), st.integers(0, 1000))
+def test_memory_disk_and_a_cluster_change_no_word(tmp_path_factory, cluster, drawn, seed):
+    """Of demonstrations that are many for the judge, which reads a sample."""
+    states, actions, ids, _ = drawn
+    moved = np.random.default_rng(seed).normal(scale=0.01, size=(12, *states.shape))
+    more = np.concatenate([ids + k * (ids.max() + 1) for k in range(12)])
+    data = made((states + moved).reshape(-1, 3), np.concatenate([actions] * 12), more)
+    path = tmp_path_factory.mktemp("places") / "set.parquet"
+    rpil.write(path, data)
+    here, disk, there = (
+        small_rpil(engine=engine).fit(of).audit_
+        for of, engine in (
+            (data, None),
+            (rpil.open(path, on_disk=True), None),
+            (rpil.open(path, on_disk=True), rpil.DaskEngine(cluster)),
+        )
+    )
+    assert (here.finding, here.verdicts) == (disk.finding, disk.verdicts) == (there.finding, there.verdicts)
 
 
 @FEW

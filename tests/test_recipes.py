@@ -12,6 +12,7 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
+import pyarrow
 import pytest
 from sklearn.base import BaseEstimator, ClassifierMixin
 
@@ -240,7 +241,7 @@ def test_audit_column_recipe():
     places, offsets = {"a": [2, 1]}, np.cumsum([0, 5, *lengths[::-1]])
     joined = join_audits({"a": some}, places, "xba", offsets, Answers.none(3))
     assert joined.surprise.tolist() == [0, 0.25, 0]
-    table = audit.to_frame("pyarrow")
+    table = pyarrow.table(audit.to_frame())
     assert dict(zip(*(table[name].to_pylist() for name in ("id", "fact_surprise")), strict=True))[7] == 1.75
     assert {one["id"]: one["facts"]["surprise"] for one in audit.to_dict()["demonstrations"]}[7] == 1.75
     assert make_view(audit, About("Audit", "toy.csv"))["demonstrations"]["facts"]["surprise"][7] == 1.75

@@ -34,8 +34,8 @@ import asked
 import lerobot_folders
 import rpil
 from rpil.cli.main import main as command
-from rpil.cli.questions.material import EpisodeVideos
-from rpil.cli.questions.security import Gate
+from rpil.cli.questions.server import Gate
+from rpil.cli.questions.session import EpisodeVideos
 from served import Client
 
 DATA, COLUMNS = "d.parquet", ("--observations", "x,v", "-q")

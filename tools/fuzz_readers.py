@@ -51,8 +51,9 @@ import rpil
 from rpil import formats
 from rpil.data import memory
 from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.id_values import read_answers
 from rpil.faults.report import read_expected
-from rpil.formats.dataset import Dataset
+from rpil.formats.format import Dataset
 from rpil.formats.registry import FORMATS, find
 from rpil.results.choice import read_verdicts
 from samples import SAMPLES, demonstrations
@@ -130,22 +131,13 @@ def text(name: str, content: str) -> Maker:
     return make
 
 
-def parquet_verdicts(folder: Path) -> Path:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    pq.write_table(pa.table({"id": ["é0", "b"], "verdict": ["similar", "outlier"]}), folder / "v.parquet")
-    return folder / "v.parquet"
-
-
 LABELS, RULES = '{"é0": "expert", "b": "bad", "c": "good"}', '{"spike": ["é0", 7], "idle head": "all"}'
 CSV_LABELS = 'id,label\né0,expert\nb,bad\n"c, d",good\n'
 READERS: dict[str, tuple[Maker, Reader]] = {
     **{name: (make, read_data) for name, make in SAMPLES.items()},
     "policy": (policy, lambda path, _: rpil.load(path)),
-    "labels, CSV": (text("l.csv", CSV_LABELS), lambda path, _: formats.read_labels(path)),
+    "labels, CSV": (text("l.csv", CSV_LABELS), lambda path, _: read_answers(path)),
     "verdicts, CSV": (text("v.csv", "id,verdict\né0,expert\nb,adversary\n"), lambda path, _: read_verdicts(path)),
-    "verdicts, Parquet": (parquet_verdicts, lambda path, _: read_verdicts(path)),
     "expected, JSON": (text("e.json", RULES), lambda path, _: read_expected(path)),
 }
 

@@ -5,7 +5,8 @@ Usage
 -----
 ``python tools/mutants.py`` makes 40 random mutants of each module of `ROOMS`, runs its tests on each, and prints the
 survivors, by line, and the share that was killed. ``--modules outliers,data/text`` names others, with their room where
-they are not in `ROOMS`; ``--tests cli/test_keep_rules.py`` more tests of each; ``--sample N`` (0 for all),
+they are not in `ROOMS`; ``--rooms numerics,scale`` takes all modules of a room that have tests of their name, as every
+night does with each room; ``--tests cli/test_keep_rules.py`` more tests of each; ``--sample N`` (0 for all),
 ``--seed S``, ``--jobs J``. The exit code is 1 where fewer than `GOAL` are killed.
 
 Notes
@@ -14,8 +15,9 @@ A mutant has one change: a comparison, an operator of arithmetic or logic, `min`
 one larger or twice as large, a negation left out, or a result that is replaced by None or turned round. Docstrings,
 annotations, and defaults of settings are left as they are. Each mutant is a copy of the library in an empty folder, and
 is killed where ``pytest -x`` fails on ``tests/ROOM/test_MODULE*.py`` and the file of `MORE_TESTS`, or takes longer than
-`SECONDS`; slow tests are left out, but for the judge. These run in a fork of a process that has imported the libraries
-of others, but nothing of rpil: most of the time would be spent on that. The tests must pass on the library as it is.
+`SECONDS`; slow tests are left out, but for the judge and where all are slow. They run in a fork of a process that has
+imported the libraries of others, but nothing of rpil: most of the time would be spent on that. The tests must pass on
+the library as it is.
 
 Some mutants are no faults. `EQUIVALENT` holds them, and says why.
 """
@@ -40,8 +42,8 @@ from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).parents[1]
 JUDGE = ("outliers", "answers", "answered", "two_parts", "trust", "groups")
-ACTS = ("step_weights", "choice", "answering", "tasks", "reasons", "overview")
-FAULTS = ("motion", "whole_rules", "recorded", "rule", "measured_columns", "lag", "still", "tracking")
+ACTS = ("step_weights", "choice", "answering", "tasks", "reasons", "result")
+FAULTS = ("motion", "whole_rules", "recorded", "rule", "measured_columns", "still", "tracking")
 ROOMS = dict.fromkeys(JUDGE, "inference") | dict.fromkeys(ACTS, "results") | dict.fromkeys(FAULTS, "faults")
 """The modules that are changed where none is named, and their rooms."""
 MORE_TESTS = (
@@ -51,6 +53,7 @@ MORE_TESTS = (
         "step_weights": "scale/test_fit.py",
         "choice": "cli/test_keep_rules.py",
         "tasks": "estimators/test_within_tasks.py",
+        "result": "results/test_overview.py",
     }
 )
 """Tests of a module beside those of its name: patterns of files."""
@@ -120,6 +123,19 @@ EQUIVALENT = {
         "It keeps from division by 0."
     ),
     "groups: _MIN_VARIANCE = 1e-6: 1e-06 -> 2e-06": "Keeps logarithms finite; how small it is does not matter.",
+    "numerics/blocks: residual = residual.astype(features.dtype, copy=False): False -> True": "It takes time alone.",
+    "numerics/blocks: direction, proba, weight = (a.astype(features.dtype, copy=False) for a in "
+    "(direction, proba, weight)): False -> True": "It takes time alone.",
+    "numerics/blocks: weights, weight = (a.astype(features.dtype, copy=False) for a in (weights, weight)): "
+    "False -> True": "It takes time alone.",
+    "numerics/blocks: weights = weights.astype(features.dtype, copy=False): False -> True": "It takes time alone.",
+    "numerics/parallel: THREADING_MIN_SIZE = 400_000: 400000 -> 400001": "Threads change no result.",
+    "numerics/parallel: THREADING_MIN_SIZE = 400_000: 400000 -> 800000": "Threads change no result.",
+    "numerics/regression: return np.where(within > ROUNDING * np.maximum(spread, np.abs(location)), within, spread): "
+    "within > ROUNDING * np.maximum(spread, np.abs(location)) -> "
+    "within >= ROUNDING * np.maximum(spread, np.abs(location))": "Both are hardly ever the same number.",
+    "numerics/regression: penalised[np.diag_indices_from(penalised)] += "
+    "np.append(np.full(len(gram) - 1, ridge * total), 1e-9 * total): 1e-09 -> 2e-09": "It keeps the inverse finite.",
 }
 """Mutants that do what the library does, ``MODULE: LINE OF CODE: OLD -> NEW``, and why."""
 
@@ -235,6 +251,16 @@ def tests_of(module: str, *more: str) -> list[str]:
     ]
 
 
+def modules_of(room: str) -> Iterator[str]:
+    """The modules of a room that have tests of their name, each by the name that it has in `ROOMS`."""
+    library = ROOT / "src" / "rpil"
+    for path in sorted((library / room).rglob("*.py")):
+        module = path.relative_to(library).with_suffix("").as_posix()
+        short = path.stem if ROOMS.get(path.stem) == room else module
+        if path.stem != "__init__" and any(name.endswith(".py") for name in tests_of(short)):
+            yield short
+
+
 def passes(module: str, source: str | None, more: Sequence[str] = ()) -> bool:
     """Whether the tests pass on the library, with another source of the module."""
     with TemporaryDirectory() as folder:
@@ -260,7 +286,10 @@ def run(folder: str, tests: list[str]) -> None:
         os.chdir(ROOT)
         sys.path.insert(0, folder)
         sys.dont_write_bytecode = True
-        code = int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "--tb=no", "--assert=plain", *tests]))
+        options = ["-x", "-q", "-p", "no:cacheprovider", "--tb=no", "--assert=plain"]
+        code = int(pytest.main([*options, *tests]))
+        if code == pytest.ExitCode.NO_TESTS_COLLECTED:
+            code = int(pytest.main([*options, *(word for word in tests if word not in ("-m", "not slow"))]))
     finally:
         os._exit(code)
 
@@ -282,12 +311,14 @@ def main() -> None:
     """Print the survivors of each module and the share that was killed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--modules", default=",".join(ROOMS))
+    parser.add_argument("--rooms", default="")
     parser.add_argument("--tests", default="")
     parser.add_argument("--sample", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     chosen = parser.parse_args()
-    modules, more = chosen.modules.split(","), [name for name in chosen.tests.split(",") if name]
+    rooms = [module for room in chosen.rooms.split(",") if room for module in modules_of(room)]
+    modules, more = rooms or chosen.modules.split(","), [name for name in chosen.tests.split(",") if name]
     for module in modules:
         if not path_of(module).is_file():
             sys.exit(f"{path_of(module)} is not there; write ROOM/NAME for a module.")

@@ -34,7 +34,12 @@ PERMISSIVE = re.compile(
 )
 """Licences that ask for no more than to be named; MPL asks for changes of its own files alone."""
 
-LOOKED_AT = {"pygame-ce": "LGPL: gymnasium draws with it, with the extra gym alone, and rpil does not hand it on"}
+LOOKED_AT = {
+    "pygame-ce": "LGPL: gymnasium draws with it, with the extra gym alone, and rpil does not hand it on",
+    "nvidia": "proprietary: torch for Linux needs them, with the extra torch alone, and rpil does not hand them on",
+    "cuda": "the same",
+}
+"""Why others are no fault, by their names or the first words of them."""
 
 Package = dict[str, object]
 
@@ -124,7 +129,7 @@ def licence_faults(found: dict[str, Package]) -> list[str]:
     return [
         f"{name}: its licence is {each['licence'] or 'not said'!r}; look at it"
         for name, each in found.items()
-        if name not in LOOKED_AT and not PERMISSIVE.search(str(each["licence"]))
+        if not {name, name.partition("-")[0]} & {*LOOKED_AT} and not PERMISSIVE.search(str(each["licence"]))
     ]
 
 

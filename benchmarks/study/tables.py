@@ -14,9 +14,8 @@ from sklearn.exceptions import ConvergenceWarning
 from threadpoolctl import threadpool_limits
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.simulation.experts import expert
 from rpil.simulation.rollouts import Returns, rollout
-from rpil.simulation.simulate import simulate
+from rpil.simulation.simulate import expert, simulate
 from study.experiments import (
     ENVIRONMENTS,
     EXPERIMENTS,

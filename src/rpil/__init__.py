@@ -11,19 +11,19 @@ _HOME = {
     "BehavioralCloning": "rpil.estimators.cloning",
     "Confusion": "rpil.mixture.adversaries.discrete",
     "DataError": "rpil.data.errors",
-    "Dataset": "rpil.formats.dataset",
+    "Dataset": "rpil.formats.format",
     "DaskEngine": "rpil.scale.dask",
     "Demonstrations": "rpil.data.demonstrations",
     "RMEnt": "rpil.estimators.rment",
     "RPIL": "rpil.estimators.rpil",
-    "Settings": "rpil.estimators.settings",
+    "Settings": "rpil.estimators.pipeline",
     "MixtureSettings": "rpil.mixture.settings",
     "JudgeSettings": "rpil.inference.settings",
     "SampleSettings": "rpil.scale.settings",
     "SoftmaxPolicy": "rpil.policies.softmax",
-    "audit": "rpil.estimators.auditing",
+    "audit": "rpil.estimators.within_tasks",
     "check": "rpil.faults.checking",
-    "idle_rows": "rpil.segments.idle",
+    "idle_rows": "rpil.segments.ranges",
     "load": "rpil.estimators.persistence",
     "open": "rpil.formats",
     "read": "rpil.formats",
@@ -68,16 +68,16 @@ if TYPE_CHECKING:
 
     from rpil.data.demonstrations import Demonstrations
     from rpil.data.errors import DataError
-    from rpil.estimators.auditing import audit
     from rpil.estimators.cloning import BehavioralCloning
     from rpil.estimators.persistence import load, save
+    from rpil.estimators.pipeline import Settings
     from rpil.estimators.reweight import reweight
     from rpil.estimators.rment import RMEnt
     from rpil.estimators.rpil import RPIL
-    from rpil.estimators.settings import Settings
+    from rpil.estimators.within_tasks import audit
     from rpil.faults.checking import check
     from rpil.formats import open, read, write
-    from rpil.formats.dataset import Dataset
+    from rpil.formats.format import Dataset
     from rpil.inference.settings import JudgeSettings
     from rpil.mixture.adversaries.discrete import Confusion
     from rpil.mixture.settings import MixtureSettings
@@ -85,7 +85,7 @@ if TYPE_CHECKING:
     from rpil.results.record import Audit
     from rpil.scale.dask import DaskEngine
     from rpil.scale.settings import SampleSettings
-    from rpil.segments.idle import idle_rows
+    from rpil.segments.ranges import idle_rows
     from rpil.simulation.rollouts import rollout
     from rpil.simulation.simulate import simulate
 

@@ -1,38 +1,14 @@
-"""The parts of the scripts, on results built by hand."""
+"""Names of scripts and of ablations are those that texts use."""
 
 from __future__ import annotations
 
-import importlib
 import re
 from collections import Counter
 from pathlib import Path
 
-import pytest
-
 import ablations
 
 ROOT = Path(__file__).parents[2]
-
-
-@pytest.mark.parametrize(
-    ("script", "arguments", "match"),
-    [
-        ("paper", ["--draws", "1"], "--draws: 1 is less than 2"),
-        ("paper", ["--json", "no/paper.json"], "--json: no/paper.json: there is no folder no; make it first"),
-        ("claims", ["--only", "halves"], "there is no kind halves: choose from recorded, half"),
-        ("answers", [], "say where the NPZ files are: --data DIR"),
-        ("policy_value", ["--out", "a", "b"], "give several with --report only"),
-        ("results", ["--only", "speed"], "there is no script speed: choose from claims, answers"),
-        ("speed", ["--rows", "A,X"], "no row X"),
-    ],
-)
-def test_bad_options_give_a_message(script, arguments, match, capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    main = importlib.import_module(script).main
-    with pytest.raises(SystemExit) as end:
-        main(arguments)
-    assert end.value.code == 2
-    assert match in capsys.readouterr().err
 
 
 def test_helpers_of_tests_and_benchmarks_have_different_names():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import faults
-from fault_kinds import KINDS, Clean, copies, plant
+from fault_kinds import KINDS, Clean, plant
 from fault_worlds import WORLDS
 from recordings import demonstrations, recording
 
@@ -23,19 +23,6 @@ def test_planted_fault_changes_the_marked_demonstrations_only(clean, kind):
     for m, (before, after) in enumerate(zip(clean.demonstrations, planted.demonstrations, strict=True)):
         same = all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
         assert same != planted.has_fault[m]
-
-
-def test_copies_are_marked_and_counted_in_pairs(clean):
-    planted = copies(clean, "", 0.0, 0.2, np.random.default_rng(0))
-    assert (len(planted.demonstrations), planted.has_fault.sum()) == (14, 4)
-    counts = faults.score(faults.check(planted.demonstrations), planted, "duplicate", ())
-    assert counts == {"faults": 2, "found": 2, "any": 2, "other": 0, "clean": 10, "accused": 0}
-
-
-def test_counts():
-    rows = [{"kind": "spike", "checked": c, "faults": 2, "found": 1, "any": 1, "other": 0} for c in (True, False)]
-    sums = faults.summarise([row | {"clean": 10, "accused": 1} for row in rows], "kind")
-    assert dict(sums["spike",]) == {"faults": 2, "found": 1, "any": 1, "other": 0, "clean": 10, "accused": 1}
 
 
 @pytest.mark.parametrize("world", WORLDS)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import json
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,21 +10,19 @@ import numpy as np
 import pytest
 
 import rpil
-from rpil_outside import running, submitted
-from rpil_outside.__main__ import BEGIN, END, TELLING, main
+from rpil_outside import running
+from rpil_outside.__main__ import TELLING, main
 from rpil_outside.columns import COLUMNS, Deed, auroc, best
-from rpil_outside.goals import goals, of_ranking
 from rpil_outside.ours import Case
 from rpil_outside.peers import ALL, PEERS, NotMadeForIt, common
 from rpil_outside.peers.common import design, policy, targets
-from rpil_outside.table import of_worth, page, read, summarised, whole
+from rpil_outside.table import page, read, summarised
 from rpil_outside.worlds import WORLDS
 
 BLIND = {ALL, "random 60 %"}
 """Columns that rank nothing."""
 BY_ERRORS = {"QoQ"}
 """Columns by which large errors, of either sign, come first: what they compute is tested instead."""
-FEW = [ALL, "length alone", "oracle", "success flag"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,22 +157,6 @@ def test_every_column_is_run(out):
         assert draw["columns"]["oracle"]["policy"] == pytest.approx(2 * stored["policy"])  # in points of what is whole
 
 
-def test_a_second_run_adds_only_what_is_missing(tmp_path):
-    arguments = ["run", "tiny", "--seeds", "2", "--json", str(tmp_path), "--quick", "--columns"]
-    first, second, third = Tiny(), Tiny(), Tiny()
-    main([*arguments, *FEW], {"tiny": first})
-    assert len(first.driven) == 4 * 3  # the flag and the oracle give the same weights, which are driven once
-    before = {path.name: path.read_text() for path in tmp_path.glob("*.json")}
-    main([*arguments, *FEW], {"tiny": second})
-    assert not second.driven
-    assert before == {path.name: path.read_text() for path in tmp_path.glob("*.json")}
-    main([*arguments, *FEW, "SAL"], {"tiny": third})
-    assert len(third.driven) == 4
-    assert set(json.loads((tmp_path / "tiny_one-bad_0.json").read_text())["columns"]) == {*FEW, "SAL"}
-    with pytest.raises(SystemExit, match="with --quick"):
-        main([name for name in arguments if name != "--quick"] + FEW, {"tiny": third})
-
-
 def test_a_folder_of_figures_has_one_commit(tmp_path, monkeypatch, out):
     arguments = ["run", "tiny", "--seeds", "1", "--json", str(tmp_path), "--quick", "--columns", ALL]
     main(arguments, {"tiny": Tiny()})
@@ -188,89 +168,9 @@ def test_a_folder_of_figures_has_one_commit(tmp_path, monkeypatch, out):
         page([first, second | {"commit": "0123456789ab"}])
 
 
-def test_a_night_runs_a_seed_of_all_worlds_before_the_next(tmp_path, monkeypatch, capsys):
-    order, lacking = [], Tiny()
-    lacking.needs = ("no_such_package",)
-    monkeypatch.setattr("rpil_outside.__main__.run", lambda world, cells, seeds, *_: order.append((cells, *seeds)))
-    worlds = {"tiny": Tiny(), "lacking": lacking, "other": Tiny()}
-    assert main(["night", "--seeds", "2", "--json", str(tmp_path)], worlds) == 0
-    assert order == [(["one bad", "three bad"], seed) for seed in (0, 0, 1, 1)]
-    assert capsys.readouterr().err == "tiny is left out: it needs no_such_package.\n"
-
-
 def test_a_night_has_cells_of_each_world():
     assert set(TELLING) == set(WORLDS)
     assert all(set(cells) <= set(WORLDS[name].cells) for name, cells in TELLING.items())
-
-
-def test_the_table_is_written_between_the_marks_of_a_page(out, tmp_path, capsys):
-    path = tmp_path / "page.md"
-    path.write_text(f"# Title\n\n{BEGIN}\nold\n{END}\n\nNotes.\n")
-    for _ in range(2):
-        assert main(["table", str(out), "--brief", "--page", str(path)], {}) == 0
-    main(["table", str(out), "--brief"], {})
-    assert path.read_text() == f"# Title\n\n{BEGIN}\n\n{capsys.readouterr().out}\n{END}\n\nNotes.\n"
-    path.write_text("# Title\n")
-    with pytest.raises(SystemExit, match="write them where the tables belong"):
-        main(["table", str(out), "--page", str(path)], {})
-
-
-def test_goals_are_named_with_what_missed_them():
-    def draw(cell, seed, kept, asked):
-        policies = {ALL: 50.0, "oracle": 65.0, "rpil keep": kept, "rpil 4 asked": asked}
-        aurocs = {"rpil 8 asked": 0.7, "SAL": 0.8 if seed else 0.66, "oracle": 1.0}
-        rows = {name: {"policy": policies.get(name), "auroc": aurocs.get(name)} for name in [*policies, *aurocs]}
-        return {"world": "w", "cell": cell, "seed": seed, "columns": rows}
-
-    draws = [draw("a", 0, 50, 61), draw("a", 1, 50, 63), draw("b", 0, 50, 44), draw("b", 1, 50, 44)]
-    found = [here for _, here in goals({"w": draws})]
-    assert found[0] == "missed: 4 asked -6.0 (w); as asked: keep"
-    assert found[1] == "met: 1 of 2; 0 by 4 random, 0 by 8 asked, 0 by 8 random"
-    assert found[2] == "missed, 1 of 1: w 0.70 (SAL 0.73); not "  # within the noise of the first
-    assert found[3] == "not run"
-    assert of_ranking({"w": [draws[1]]}) == "missed, 0 of 1: ; not w 0.70 (SAL 0.80)"
-
-
-def test_the_table_leads_with_the_worst_cell(out, capsys):
-    assert main(["table", str(out)], {"tiny": Tiny()}) == 0
-    text = capsys.readouterr().out
-    head, detail = text.split("## tiny")
-    rows = [line.split(" | ") for line in detail.splitlines() if line.startswith("| ")]
-    assert [row[0].lstrip("| ") for row in rows[2:]] == list(COLUMNS)
-    assert rows[0][1] == "worst cell, less all"
-    assert re.match(r"Commit [0-9a-f]{12}", head)
-    draws = read(out)
-    found = summarised(draws, "PSD")
-    assert f"| PSD | {whole(found.worst)} | {whole(found.worst)}/{whole(found.gain)} |" in head
-    assert main(["table", str(out), "--brief"], {"tiny": Tiny()}) == 0
-    brief = capsys.readouterr().out
-    assert brief.split("Goals.")[1].strip() == head.split("Goals.")[1].strip()
-    assert f"| PSD | {found.worst:+.1f} | – | tiny | {found.gain:+.1f} |" in brief
-    assert "AUROC, mean" in head
-    assert "AUROC, mean" not in brief
-
-
-def test_a_draw_that_is_not_finished_is_left_out(out):
-    first, second = read(out)
-    half = second | {"columns": {ALL: second["columns"][ALL]}}
-    assert page([first, half]) == page([first])
-
-
-def test_a_world_that_lacks_a_package_says_so(tmp_path):
-    world = Tiny()
-    world.needs = "json", "no_such_package"
-    with pytest.raises(SystemExit, match="tiny needs no_such_package: pip install"):
-        main(["run", "tiny", "--json", str(tmp_path)], {"tiny": world})
-
-
-def test_cells_that_gain_where_the_oracle_does():
-    def draw(cell, *policies):
-        return {"world": "w", "cell": cell, "columns": dict(zip([ALL, "oracle", "x"], map(row, policies), strict=True))}
-
-    def row(policy):
-        return {"policy": policy}
-
-    assert of_worth([draw("a", 0, 12, 11), draw("b", 50, 70, 55), draw("c", 90, 95, 100)], "x") == "1/2"
 
 
 def test_differences_are_paired_and_their_intervals_are_students():
@@ -284,32 +184,6 @@ def test_differences_are_paired_and_their_intervals_are_students():
     spread = np.sqrt((2 * 2.0**2 + 2 * 2.0**2) / 2)  # deviations of 2 from the mean in each cell
     np.testing.assert_allclose(found.detectable, 4.3026527 * spread / np.sqrt(2))
     np.testing.assert_allclose(found.gain_interval, 4.3026527 * spread / 2)
-
-
-def test_submitted_scores_give_the_row_of_the_column(out, tmp_path, capsys):
-    made = Tiny().make("three bad", 0, True)
-    path = tmp_path / "theirs.csv"
-    lengths = dict(zip(made.demonstrations.ids, made.demonstrations.lengths.tolist(), strict=True))
-    rows = [["id", "score"], *([name, -n] for name, n in reversed(lengths.items()))]
-    with path.open("w", newline="") as file:
-        csv.writer(file).writerows(rows)
-    assert main(["score", str(path), "tiny", "three bad", "0", "--quick"], {"tiny": Tiny()}) == 0
-    theirs = capsys.readouterr().out.splitlines()[-1].split(" | ")[1:-1]
-    draws = [draw for draw in read(out) if draw["cell"] == "three bad"]
-    found = summarised(draws, "length alone")
-    assert theirs[0] == f"{found.worst:+.1f}"
-    assert theirs[5:8] == [f"{found.policy:.1f}", f"{found.auroc:.3f}", f"{found.auroc:.3f}"]
-
-
-def test_submitted_weights_of_steps(tmp_path):
-    data = Tiny().make("one bad", 0, True).demonstrations
-    path, weight = tmp_path / "steps.csv", np.arange(data.n_steps) % 7 / 7
-    rows = [f"{m},{t},{weight[data.offsets[m] + t]}" for m in range(14) for t in range(data.lengths[m])]
-    path.write_text("\n".join(["id,step,score", *rows]))
-    np.testing.assert_allclose(submitted.read(path, data).weights, weight)
-    path.write_text("\n".join(["id,step,score", *rows[1:]]))
-    with pytest.raises(SystemExit, match="look at '0', step 0"):
-        submitted.read(path, data)
 
 
 def test_a_column_is_not_scored_on_what_it_was_told():

@@ -1,21 +1,18 @@
-"""The benchmark of policies: rules, what they are told, worlds, tables and cells by hand, and its quick mode."""
+"""The benchmark of policies: rules, what they are told, the report by hand, and its quick mode."""
 
 from __future__ import annotations
 
 import importlib.util
 import json
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import policy_value
-from rpil.data.demonstrations import Demonstrations
-from value import cells, pushing, report
-from value.information import information
+from value import report
 from value.rules import ALL, ORACLE, RULES, Judged, told, weights_of
-from value.worlds import DISC_TASKS, OLDER_TASKS, TASKS, family, make_world
+from value.worlds import make_world
 
 MISSING = [name for name in ("torch", "gymnasium") if importlib.util.find_spec(name) is None]
 needs_extra = pytest.mark.skipif(bool(MISSING), reason=f"pip install 'rpil[value]': {' and '.join(MISSING)} missing")
@@ -47,32 +44,6 @@ def test_a_rule_is_told_no_more_than_it_says_and_weights_are_those_by_hand(car):
     np.testing.assert_array_equal(kept["best 40 %"], np.repeat(np.isin(np.arange(12), best), lengths))
 
 
-def test_idle_heads_and_tails_are_cut():
-    """The state rests and the action is still the first, or already the last; a pause in between stays."""
-    moves = np.array([0, 0, 0, 1, 2, 2, 3, 3, 3.0])
-    acts = np.array([0, 0, 1, 1, 0, 1, 2, 0, 0.0])
-    busy = np.arange(9.0)
-    demonstrations = Demonstrations.from_episodes([(moves[:, None], acts[:, None]), (busy[:, None], np.ones((9, 1)))])
-    weight = RULES["trimmed"].weights(told(RULES["trimmed"], None, Judged(demonstrations), 0))
-    np.testing.assert_array_equal(weight, [0, 0, 1, 1, 1, 1, 1, 0, 0, *np.ones(9)])
-
-
-@pytest.mark.parametrize("discrete", [False, True])
-def test_information_is_larger_where_actions_depend_on_states(discrete):
-    """Its mean over independent states and actions is 0; of a Gaussian pair it is -log(1 - r^2) / 2."""
-    rng = np.random.default_rng(0)
-    states, noise = rng.normal(size=(20, 100, 1)), rng.normal(size=(20, 100))
-    numbers = np.where(np.arange(20)[:, None] < 10, 0.9 * states[..., 0] + np.sqrt(1 - 0.81) * noise, noise)
-    actions = (numbers > 0).astype(int) if discrete else numbers[..., None]
-    scores = information(Demonstrations.from_episodes(list(zip(states, actions, strict=True))), 0)
-    assert scores[:10].min() > scores[10:].max()
-    alone = information(Demonstrations.from_episodes(list(zip(states[10:], actions[10:], strict=True))), 0)
-    assert alone.mean() == pytest.approx(0, abs=0.05)
-    if not discrete:
-        pairs = information(Demonstrations.from_episodes(list(zip(states[:10], actions[:10], strict=True))), 0)
-        assert pairs.mean() == pytest.approx(-np.log(1 - 0.81) / 2, abs=0.1)
-
-
 def cell(rule, success, seed=0, task="reach", share=0.1, **more):
     key = {"seed": seed, "n": 20, "share": share, "task": task, "learner": "linear", "rule": rule}
     key |= {"episodes": 5, "steps": 5, "success": success, "kept": 1.0, "weight_on_good": 1.0}
@@ -88,105 +59,6 @@ def test_the_report_pairs_tasks_and_seeds():
     assert report.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
     assert report.p_lower(np.array([-1.0, -2.0, -3.0])) == pytest.approx(0.0371, abs=1e-4)
     assert [report.p_lower(np.full(3, value)) for value in (-0.5, 0.0, 0.5)] == [0.0, 1.0, 1.0]
-
-
-def test_losses_are_counted_and_named():
-    """`keep` loses everywhere on one task, less on another with too few seeds; the oracle is not asked."""
-    rows = [cell(ALL, 0.9, seed) for seed in range(3)] + [cell(ALL, 0.5, seed, "push") for seed in range(2)]
-    rows += [cell(name, 0.3 + 0.01 * seed, seed) for seed in range(3) for name in ("keep", ORACLE)]
-    rows += [cell("keep", 0.4, seed, "push") for seed in range(2)] + [cell("best 60 %", 0.95, s) for s in range(3)]
-    lines = report.never_hurts(rows).splitlines()
-    assert "| keep | reach -59.0 ± 0.6, push -10.0 ± 0.0 | 1 | 1 |" in lines
-    assert "| best 60 % | none | 1 | 0 |" in lines
-    assert not any(line.startswith(("| oracle", "| all")) for line in lines)
-
-
-def test_a_line_that_was_cut_off_swallows_no_cell(tmp_path, monkeypatch):
-    def added(out, worlds, cells):
-        with out.open("a") as file:
-            file.write(json.dumps(cells[0]) + "\n")
-
-    monkeypatch.setattr(policy_value, "finish", added)
-    out = tmp_path / "value.jsonl"
-    out.write_text(json.dumps(cell(ALL, 0.5)) + "\n" + '{"seed": 1, "n"')
-    policy_value.run([[cell(ALL, 0.7, 1)]], out, 1)
-    assert [row["seed"] for row in policy_value.read(out)] == [0, 1]
-
-
-@pytest.mark.parametrize("task", DISC_TASKS)
-def test_a_mixture_has_its_share_of_others(task):
-    """Recorded careless episodes succeed, though most careless episodes do not; a second way is good."""
-    mixture = pushing.MIXTURES[task.removeprefix("disc ")]
-    world = make_world(task, 24, 0.25, 3)
-    others = np.isin(world.kinds, mixture.others)
-    assert family(task) == "disc"
-    assert others.sum() == 6
-    assert set(np.array(world.kinds)[~others]) == set(mixture.usual)
-    np.testing.assert_array_equal(world.is_good, ~others | (task == "disc second way"))
-    for m, kind in enumerate(world.kinds):
-        assert world.success[m] or not pushing.DRIVERS[kind].must_succeed
-    again = make_world(task, 24, 0.25, 3)
-    np.testing.assert_array_equal(again.demonstrations.actions, world.demonstrations.actions)
-
-
-def test_weights_that_are_equal_but_for_rounding_share_a_policy(monkeypatch):
-    world = make_world("disc slow", 4, 0.5, 0)
-    n_steps = world.demonstrations.n_steps
-    nearly = SimpleNamespace(step_weight=0.3 + 1e-15 * np.arange(n_steps))
-    judged = Judged(world.demonstrations)
-    monkeypatch.setitem(vars(judged), "audit", nearly)
-    np.testing.assert_array_equal(weights_of(RULES["step weights"], world, judged, 0), np.ones(n_steps))
-
-
-def rows_of(rule, values, share=0.5):
-    of = {"n": 400, "share": share, "task": "disc careless", "learner": "network"}
-    return [cell(rule, value, seed, **of) for seed, value in enumerate(values)]
-
-
-def test_the_worst_cell_has_the_lowest_lower_end():
-    """A mean of -10 with a wide interval is worse than one of -20 with none; t(.975, 2) = 4.303. A seed that one rule
-    has alone is not compared."""
-    rows = rows_of(ALL, [0.8, 0.8, 0.8]) + rows_of("keep", [0.6, 0.6, 0.6])
-    rows += rows_of(ALL, [0.8] * 4, 0.9) + rows_of("keep", [0.6, 0.7, 0.8], 0.9)
-    rows += rows_of(ALL, [0.8, 0.8], 0.25) + rows_of("keep", [0.0, 0.0], 0.25)  # of too few seeds
-    found = cells.cells_of(rows)
-    assert [cell.place[-1] for cell in found] == [0.5, 0.9]
-    wide = found[1].minus_all["keep"]
-    assert (wide.mean, wide.half) == pytest.approx((-0.1, 4.3027 * 0.1 / np.sqrt(3)), abs=1e-4)
-    line = cells.worst(found).splitlines()[-1]
-    assert (
-        line == "| keep | disc, network | disc careless, 400, 90% | 80.0 | -10.0 ± 24.8 | -34.8 | 2 of 2 | 24.8 | 3 |"
-    )
-    table = cells.cell_tables(found)[0].splitlines()
-    assert table[-3:] == [
-        "| disc careless, 400, 50% | 80.0 | -20.0 ± 0.0 |",
-        "| disc careless, 400, 90% | 80.0 | -10.0 ± 24.8 |",
-        "| mean | 80.0 | -15.0 |",
-    ]
-
-
-def test_a_preset_fixes_values_and_gives_way_to_what_is_given():
-    options = policy_value.parse(["--preset", "disc", "--seeds", "7", "--out", "x.jsonl"])
-    cell = policy_value.left(options, [])[0][0]
-    assert options.seeds == [7]
-    assert options.tasks == list(DISC_TASKS)
-    assert (cell["n"], cell["episodes"], cell["steps"]) == (400, 1000, 1000)
-    older = policy_value.parse(["--out", "x.jsonl"])
-    assert (older.tasks, older.episodes) == (list(OLDER_TASKS), 25)
-    assert policy_value.left(older, [])[0][0]["steps"] == 2000
-    assert {task for preset in policy_value.PRESETS.values() for task in preset["tasks"]} <= {*TASKS}
-
-
-def test_steps_that_are_drawn_follow_their_weights():
-    """Two laws, of which one has nine times the weight: the constant that is learned lies at their mean."""
-    pytest.importorskip("torch", reason="pip install 'rpil[value]': torch is missing")
-    from value.learners import DISC_TRAINING, drawn_network
-
-    states = np.random.default_rng(0).normal(size=(10, 50, 2))
-    law = np.repeat([1.0, -1.0], 5)[:, None, None] * np.ones((10, 50, 1))
-    data = Demonstrations.from_episodes(list(zip(states, law, strict=True)))
-    policy = drawn_network(data, np.repeat([0.9, 0.1], 250), 0, replace(DISC_TRAINING, steps=200))
-    assert policy.predict(np.zeros((1, 2)))[0, 0] == pytest.approx(0.8, abs=0.25)
 
 
 @pytest.mark.slow

@@ -1,9 +1,8 @@
-"""The paper's tables and figures: statistics of the played episodes, in any number of processes."""
+"""The paper's tables: statistics of the played episodes."""
 
 from __future__ import annotations
 
 import json
-import struct
 
 import numpy as np
 import pytest
@@ -11,10 +10,9 @@ from scipy import stats
 from scipy.special import logit
 
 import paper
-from rpil import BehavioralCloning, Demonstrations, rollout, simulate
-from rpil.simulation.experts import expert
-from study import experiments, figures
-from study.experiments import EXPERIMENTS, METHODS, ORACLE, OURS, RAW_ORACLE, RECIPE
+from rpil import BehavioralCloning, Demonstrations, simulate
+from study import experiments
+from study.experiments import METHODS, ORACLE, OURS, RAW_ORACLE, RECIPE
 from study.recipe import PaperRecipe
 from study.tables import wrong
 
@@ -27,8 +25,6 @@ SMALL = ["--env", CAR, "--draws", "2", "--rollouts", "3", "--seed", "4", "--proc
 def fast():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(experiments, "OUR_FEATURES", "folded")  # "auto" takes five times as long
-        patch.setattr(figures, "EPISODES", 3)
-        patch.setattr(figures, "_GRID", 24)
         yield
 
 
@@ -37,14 +33,6 @@ def found(tmp_path_factory):
     path = tmp_path_factory.mktemp("paper") / "paper.json"
     assert paper.main([*SMALL, "--json", str(path)]) == 0
     return json.loads(path.read_text())
-
-
-def test_the_experiments_are_the_papers():
-    cells = [(e.table, e.env_id.split("-")[0], e.kind) for e in EXPERIMENTS]
-    kinds = ("corrupted", "random")
-    pairs = [(env, kind) for env in ("MountainCar", "LunarLander", "Acrobot") for kind in kinds]
-    assert cells == [(n, *pair) for n, pair in enumerate(pairs, start=1)]
-    assert [e.prior for e in EXPERIMENTS] == [0.2, 0.2, 0.5, 0.5, 0.75, 0.75]
 
 
 def test_table_is_the_statistics_of_its_draws(found):
@@ -66,14 +54,6 @@ def test_table_is_the_statistics_of_its_draws(found):
             assert table["policies"][name]["wrong"] == sum(row["wrong"][name] for row in rows)
 
 
-def test_returns_are_those_of_the_rollouts(found):
-    played = rollout(expert(CAR), CAR, n_episodes=3, seed=4).returns
-    first = found["draws"][0]["returns"]["expert"]
-    assert first["mean"] == pytest.approx(played.mean())
-    assert first["paper_way"]["mean"] == pytest.approx(played.mean())
-    assert first["paper_way"]["half_width"] == pytest.approx(stats.t.ppf(0.975, 2) * stats.sem(played))
-
-
 def test_recipe_is_a_fixed_point_of_the_papers_equations():
     assert wrong([0.9, 0.5, 0.1, 0.5, 0.6], np.array([1, 1, 0, 0, 0])) == 3  # one half is wrong
     made = simulate(CAR, "corrupted", n_good=10, n_bad=10, seed=0)
@@ -89,16 +69,3 @@ def test_recipe_is_a_fixed_point_of_the_papers_equations():
     taken = model.predict_proba(observations)[np.arange(len(actions)), actions]
     log_odds = logit(0.2) + np.add.reduceat(np.log(taken) - np.log1p(-taken), demonstrations.offsets[:-1])
     np.testing.assert_allclose(model.log_odds_, log_odds, rtol=1e-6)
-
-
-def test_figures(tmp_path):
-    paths = figures.draw(tmp_path / "figures", seed=4)
-    assert [p.name.split("-")[1] for p in paths] == list("1234567")
-    assert sorted(paths) == sorted((tmp_path / "figures").iterdir())
-    for path in paths:
-        head = path.read_bytes()[:24]
-        assert head.startswith(b"\x89PNG\r\n\x1a\n")
-        width, height = struct.unpack(">II", head[16:24])
-        assert 800 < width < 2000
-        assert 500 < height < 2000
-        assert 10_000 < path.stat().st_size < 500_000

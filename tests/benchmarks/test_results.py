@@ -1,4 +1,4 @@
-"""docs/results.md: what runs, what is not run again, losses as they are, and where figures come from."""
+"""docs/results.md: what runs, what is not run again, and where figures come from."""
 
 from __future__ import annotations
 
@@ -76,50 +76,6 @@ def test_finished_figures_of_the_same_commit_are_not_made_again(made, capsys):
     assert "-figure 1" in out
     assert "+figure 3" in out
     assert "## claims" not in out
-
-
-def test_a_quick_run_leaves_page_and_figures_alone(made, capsys):
-    """And its figures are no full ones, wherever they lie."""
-    results.main(made.options)
-    page, figures = made.page.read_text(), (made.folder / "claims.json").read_text()
-    capsys.readouterr()
-    assert results.main([*made.options, "--quick"]) == 0
-    assert len(made.ran) == 4
-    assert "## claims\n\nfigure 3" in capsys.readouterr().out
-    assert (made.page.read_text(), (made.folder / "claims.json").read_text()) == (page, figures)
-    (made.folder / "quick" / "claims.json").replace(made.folder / "claims.json")
-    results.main(made.options)
-    assert [name for name, _ in made.ran[4:]] == ["claims"]
-
-
-def policy(mean: float, **more: object) -> dict:
-    paper_way = {"mean": mean + 1, "half_width": 3.0}
-    return {"mean": mean, "half_width": 2.0, "worst": mean - 9, "paper_way": paper_way} | more
-
-
-def test_page_names_a_loss_in_the_paper():
-    policies = {
-        "expert": policy(265.0),
-        "raw trust all": policy(-160.0, printed=-22.24),
-        "trust all": policy(-180.0),
-        "paper's recipe": policy(160.0, printed=195.06, wrong=3),
-        "rpil": policy(190.0, wrong=1),
-        "ILEED": policy(191.5),
-        "oracle": policy(191.0),
-    }
-    of = {"table": 3, "env": "LunarLander-v3", "kind": "corrupted", "draws": 20, "seeds": [0, 1], "verdicts": 400}
-    how = {"rollouts": 100, "features": "nystroem", "provenance": ORIGIN}
-    page = results.page({"paper": how | {"tables": [of | {"policies": policies}], "draws": []}}, [])
-    assert (
-        "Table 3, LunarLander-v3 corrupted: above ours (190.0 ± 2.0): ILEED 191.5 ± 2.0, oracle 191.0 ± 2.0 and the "
-        "paper's print of paper's recipe 195.06." in page
-    )
-    assert "| ILEED | **191.5 ± 2.0** |" in page
-    assert "| rpil | 190.0 ± 2.0 |" in page
-    assert "| expert | 265.0 ± 2.0 |" in page  # competes with nobody
-    assert "Wrong verdicts of rpil: 1 of 400 in table 3." in page
-    assert "| paper's recipe, printed | 195.06 |" in page
-    assert ORIGIN["commit"] in page
 
 
 def test_provenance_names_the_commit_and_no_machine():

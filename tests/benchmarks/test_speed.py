@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
-
-import pytest
 
 import speed
 
@@ -22,15 +19,6 @@ def test_the_page_has_each_row_with_its_goal_and_one_commit():
         assert goal == ("" if goals[key] is None else f"{goals[key]:g}")
         assert bool(bold) == bool(goal and found != "not measured" and float(found) > float(goal))
     assert len(re.findall(r"^\*commit [0-9a-f]{12}, ", PAGE, re.MULTILINE)) == 1
-
-
-@pytest.mark.parametrize(("change", "rows"), [({}, ["D"]), ({"commit": "0"}, []), ({"dirty": True}, [])])
-def test_rows_of_the_same_clean_commit_are_kept(tmp_path, change, rows):
-    now = {"quick": False, "rows": [], "provenance": {"commit": "1", "dirty": False}}
-    old = now | {"rows": ["D"], "D": 1.0, "provenance": now["provenance"] | change}
-    (tmp_path / "speed.json").write_text(json.dumps(old))
-    assert speed.kept(tmp_path / "speed.json", now)["rows"] == rows
-    assert speed.kept(tmp_path / "none.json", now) is now
 
 
 def test_the_page_shows_what_misses_its_goal():

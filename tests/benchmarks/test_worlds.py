@@ -1,58 +1,13 @@
-"""Worlds: recorded files, changes of them, simulated cells, and the point mass."""
+"""Worlds: changes of recorded sets, and tables of sequences."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import rpil
-from rpil.data.errors import DataError
 from worlds import recorded
-from worlds.point_mass import point_mass
-from worlds.recorded import npz_files, read, recorded_sets
 from worlds.sequences import KINDS
-
-
-def save(folder: Path, name: str = "some", leave_out: tuple[str, ...] = (), **other) -> Path:
-    """Ten steps of the demonstrations 3, 4, 5 and 7, in another order."""
-    arrays = {
-        "observations": np.arange(20.0).reshape(10, 2),
-        "actions": np.arange(10) % 3,
-        "episode_ids": np.repeat([7, 3, 5, 4], [3, 2, 4, 1]),
-        "is_good": np.array([1, 0, -1, 1]),
-        "episode_quality": np.array([0.4, 0.1, 0.2, 0.3]),
-        "demonstrator_ids": np.array([1, 1, 2, 2]),
-    } | other
-    path = folder / f"{name}.npz"
-    np.savez(path, **{key: array for key, array in arrays.items() if key not in leave_out})
-    return path
-
-
-def test_steps_come_in_the_order_of_their_demonstrations(tmp_path):
-    world = read(save(tmp_path))
-    made = world.demonstrations
-    assert made.lengths.tolist() == [2, 1, 4, 3]
-    assert made.ids == (0, 1, 2, 3)
-    np.testing.assert_array_equal(made.observations[:3, 0], [6, 8, 18])  # steps 3 and 4, then step 9
-    np.testing.assert_array_equal(made.actions[-3:], [0, 1, 2])
-    np.testing.assert_array_equal(world.is_good, [1, 0, -1, 1])
-    np.testing.assert_array_equal(world.quality, [0.4, 0.1, 0.2, 0.3])
-    assert world.people == ("1", "1", "2", "2")
-    half = world.good_half()
-    assert half.is_good.tolist() == [1, 1]
-    assert half.demonstrations.lengths.tolist() == [2, 3]
-    assert (half.quality.tolist(), half.people) == ([0.4, 0.3], ("1", "2"))
-
-
-def test_sets_with_good_and_bad_ones(tmp_path):
-    save(tmp_path, "both")
-    save(tmp_path, "all_good", is_good=np.ones(4))
-    save(tmp_path, "no_truth", leave_out=("is_good",))
-    assert [path.stem for path in recorded_sets(tmp_path)] == ["both"]
-    with pytest.raises(DataError, match=r"no file other\.npz; found all_good, both, no_truth"):
-        npz_files(tmp_path, ["other"])
 
 
 def test_changes_by_hand():
@@ -69,15 +24,6 @@ def test_changes_by_hand():
     copied, _, again = recorded.copied(states, actions, ids, rng)
     assert again.tolist() == [*ids, *range(4, 34, 3)]  # 1 by the number of demonstrations, 3
     assert (copied[6:] == states[2]).all()
-
-
-@pytest.mark.parametrize("discrete", [False, True])
-def test_worlds_of_a_point_mass(discrete):
-    bad, again = (point_mass("stuck", discrete, (20, 3), 0) for _ in range(2))
-    assert (bad.is_good == 0).sum() == 3
-    np.testing.assert_array_equal(bad.demonstrations.actions, again.demonstrations.actions)
-    assert bad.demonstrations.is_discrete == discrete
-    assert all(point_mass(kind, discrete, (20, 3), 0).is_good.all() for kind in ("sessions", "people"))
 
 
 @pytest.mark.parametrize("name", KINDS)

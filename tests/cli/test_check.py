@@ -9,22 +9,12 @@ import numpy as np
 import pytest
 
 from command_line import call, ok, refused
-from recordings import recording
+from recordings import spike
 from recordings import write_recording as write
-
-
-def spike(observations, ids):
-    observations[np.flatnonzero(ids == 4)[60], 1] += 30
 
 
 def missing(observations, ids):
     observations[np.flatnonzero(ids == 4)[60], 1] = np.nan
-
-
-def test_frames_a_second_may_be_given():
-    write("clean.parquet")
-    slow = json.loads(ok("check", "clean.parquet", "--format", "json", "--fps", "60").stdout)
-    assert slow["counts"]["dropped frames"] == len(recording())
 
 
 def test_findings_are_written_and_decide_the_exit_code():
@@ -73,8 +63,3 @@ def test_an_audit_names_the_faults_beside_the_trust():
     assert "Odd in the recording" in page
     assert "for one step at 2.0 s" in page
     assert json.loads(ok("audit", "data.parquet", "--format", "json").stdout)["faults"]["counts"] == {"spike": 1}
-
-
-def test_what_is_refused_is_said_of_the_columns_that_were_given():
-    Path("laps.csv").write_text("lap,x,wheel\n" + "".join(f"{n // 9},{n},{n % 4}\n" for n in range(90)))
-    refused("no column holds the action", "check", "laps.csv", "--id", "lap")

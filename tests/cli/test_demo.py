@@ -12,7 +12,7 @@ import pytest
 import rpil
 from html_page import Page
 from rpil.cli import demo
-from rpil.results.overview import look_first
+from rpil.results.result import look_first
 
 ROOT = Path(__file__).parents[2]
 NUMBER = r"-?\d+(?:\.\d+)?"

@@ -109,8 +109,3 @@ def test_an_environment_may_import_pandas(tmp_path):
 def test_the_package_is_imported_in_a_moment():
     script = "import sys, rpil.cli.entry; print({'typing', 'click', 'importlib.metadata'} & {*sys.modules})"
     assert subprocess.run([sys.executable, "-c", script], capture_output=True, text=True).stdout == "set()\n"
-
-
-def test_the_command_has_one_name():
-    done = subprocess.run([sys.executable, "-m", "rpil", "--version"], capture_output=True, text=True)
-    assert done.stdout.startswith("rpil, version ")

@@ -9,7 +9,7 @@ from pathlib import Path
 import rpil
 from command_line import call, ok, refused
 from lerobot_folders import write as write_folder
-from recordings import write_recording
+from recordings import spike, write_recording
 from rpil.cli.exchange import Numbered, markdown, of_faults, sarif
 from rpil.faults.report import NUMBERS, OF_AUDIT, RULE_NAMES, RULES
 from rpil.faults.rule import Fault
@@ -19,10 +19,6 @@ from rpil.results.vocabulary import SIDES
 ROOT = Path(__file__).parents[2]
 TYPES = {"string": str, "integer": int, "number": (int, float), "array": list, "object": dict, "null": type(None)}
 TYPES["boolean"] = bool
-
-
-def spike(observations, ids):
-    observations[(ids == 4).nonzero()[0][60], 1] += 30
 
 
 def faults_of(value, schema, defs, place="$"):
@@ -62,20 +58,14 @@ def check_schema(printed, command):
     assert faults_of(printed, schema, schema["$defs"]) == []
 
 
-def test_every_finding_has_one_number():
+def test_every_finding_has_one_number_that_stays_and_a_line_of_the_page():
     assert {*RULES, *OF_AUDIT} <= {*NUMBERS}  # a rule that is gone keeps its number
     assert len(RULE_NAMES) == len(NUMBERS)
     assert {verdict for verdict, side in SIDES.items() if side == "lower"} <= {*OF_AUDIT}
     assert {*OF_AUDIT} - {*SIDES} <= {*FINDINGS}
-
-
-def test_numbers_stay():
     some = {"missing values": 101, "frozen sensor": 105, "jump": 109, "offset": 114, "length": 124}
     some |= {"metadata": 205, "video file": 301, "outlier": 401}
     assert {name: NUMBERS[name] for name in some} == {name: f"RPIL-{number}" for name, number in some.items()}
-
-
-def test_the_page_has_a_line_for_each_number():
     page = (ROOT / "docs" / "faults.md").read_text(encoding="utf-8")
     lines = [
         f"| {number} | {name} | {OF_AUDIT.get(name) or RULES[name].words} |"
@@ -151,11 +141,6 @@ def test_sarif_names_the_file_of_a_folder_and_its_row(tmp_path):
     place = result["locations"][0]["physicalLocation"]
     assert place["artifactLocation"]["uri"].endswith("set/data/chunk-000/file-001.parquet")
     assert place["region"]["startLine"] == 30 + 2 + 1
-
-
-def test_fingerprints_of_equal_places_differ():
-    log = sarif([Numbered("RPIL-204", "meta/stats.json", text) for text in "ab"], "set")
-    assert len(check_sarif(log)) == 2
 
 
 def test_sarif_and_markdown_of_an_audit(folder):

@@ -84,15 +84,6 @@ def test_several_outcomes_are_witnesses_in_each_task_and_one_that_the_others_tur
     np.testing.assert_array_equal(known.outcomes[:, 2], retries[::N_STEPS])
 
 
-def test_files_are_sessions(given):
-    Path("many").mkdir()
-    for k, name in enumerate("ab"):
-        owner = np.repeat(np.arange(10 * k, 10 * k + 10), N_STEPS)
-        write(f"many/{name}.parquet", 10, {3}, k, episode_index=owner)
-    found = audited("many", "--session", "file")
-    assert "sessions: a.parquet (10: " in found["assumptions"][0]
-
-
 def test_a_reference_is_labelled_good_and_left_out_of_what_is_written(data, given):
     write("good.parquet", 10, {}, 2)
     Path("l.csv").write_text("id,label\n3,bad\n")
@@ -115,15 +106,6 @@ def test_a_reference_is_labelled_good_and_left_out_of_what_is_written(data, give
         assert "reference 0" not in Path(name).read_text()
 
 
-def with_missing(name, *bad):
-    """The `data`, in which values of the demonstrations `bad` are missing."""
-    write(name, 24, BAD, 1)
-    rows = pq.read_table(name)
-    x = np.where(np.isin(rows["episode_index"], bad) & (np.arange(len(rows)) % N_STEPS == 5), np.nan, rows["x"])
-    pq.write_table(rows.set_column(1, "x", pa.array(x)), name, row_group_size=200)
-    return name
-
-
 def test_every_command_reads_the_demonstrations_that_are_asked_for(data):
     few = ["--only", "0-15", "--without", "3,7", "--observations", "x,v"]
     said = json.loads(ok("info", data, *few, "--format", "json").stdout)
@@ -142,21 +124,6 @@ def test_every_command_reads_the_demonstrations_that_are_asked_for(data):
     refused("no demonstration is called '77'", "label", data, "--only", "77")
 
 
-LINE = "Set aside: 4, 20, because a value is missing or infinite."
-
-
-def test_demonstrations_with_missing_values_never_stop_the_rest():
-    data, on_disk = with_missing("d.parquet", 4, 20), ["--memory", "70kB"]
-    for command in (["info", *on_disk], ["audit", *on_disk], ["keep", "-o", "k.parquet"], ["convert", "-o", "k.csv"]):
-        words = [command[0], data, *command[1:], "--observations", "x,v"]
-        if command[0] != "info":  # which describes them
-            refused("demonstration 4", *words)
-        result = ok(*words, "--skip-bad")
-        assert (result.stdout + result.stderr).count(LINE) == 1
-        if "-o" in command:
-            assert not {4, 20} & {*formats.read(command[2]).ids}
-
-
 def test_what_is_not_there_is_named_with_the_option():
     """And not with the argument of Python."""
     data = write("b.parquet", 10, {3}, 1)
@@ -166,23 +133,6 @@ def test_what_is_not_there_is_named_with_the_option():
         error = refused(said, "audit", data, f"--{option}", said.split("'")[1])
         assert f"correct --{option}" in error
         assert re.search(r"\w=", error) is None, error
-
-
-def test_columns_are_named_with_options(folder):
-    Path("a.csv").write_text(
-        "bout,beat,x,y,who,gear\n" + "".join(f"{k // 9},{k % 9},{k / 2},1,Ann,{k % 2}\n" for k in range(36))
-    )
-    refused("name it episode_index, or name the column with --id", "convert", "a.csv", "-o", "b.csv")
-    refused("name it action, or name the columns with --action", "info", "a.csv", "--id", "bout")
-    options = ["--id", "bout", "--action", "gear", "--exclude", "y", "--order", "beat", "--operator", "who"]
-    said = json.loads(ok("info", "a.csv", *options, "--format", "json").stdout)
-    assert (said["demonstrations"], said["observations"], said["operators"]) == (4, ["x"], ["Ann"])
-    said = json.loads(
-        ok(
-            "info", "a.csv", *options[:4], "--observations", "x,y", "--action-kind", "continuous", "--format", "json"
-        ).stdout
-    )
-    assert (said["observations"], said["action_kind"]) == (["x", "y"], "continuous")
 
 
 def test_a_missing_value_is_described_and_refused(folder):

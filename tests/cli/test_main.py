@@ -11,15 +11,6 @@ from pathlib import Path
 import rpil
 from command_line import call, ok, refused
 
-
-def test_help_and_version():
-    assert call().stdout == ok("--help").stdout == ok("-h").stdout
-    for command in ("audit", "fit", "demo"):
-        assert command in ok("--help").stdout
-        assert "--quiet" in ok(command, "--help").stdout
-    assert rpil.__version__ in ok("--version").stdout
-
-
 HELP = """
 import sys
 from click.testing import CliRunner
@@ -36,7 +27,12 @@ def test_an_unknown_option_names_those_that_are_near():
     refused("No such option.*--sed.*--id.*--seed.*; see rpil audit --help", "audit", "d.parquet", "--sed", "1")
 
 
-def test_help_of_every_command_imports_no_slow_module():
+def test_version_and_help_which_imports_no_slow_module():
+    assert call().stdout == ok("--help").stdout == ok("-h").stdout
+    for command in ("audit", "fit", "demo"):
+        assert command in ok("--help").stdout
+        assert "--quiet" in ok(command, "--help").stdout
+    assert rpil.__version__ in ok("--version").stdout
     assert subprocess.run([sys.executable, "-c", HELP], capture_output=True, text=True).stderr == "set()\n"
 
 

@@ -10,8 +10,6 @@ import pytest
 
 from rpil import RPIL
 from rpil.cli.main import main
-from rpil.mixture.adversaries.named import ADVERSARIES
-from rpil.policies.features import FEATURES
 
 COMMANDS = main.commands.values()
 PAGE = (Path(__file__).parents[2] / "docs" / "command-line.md").read_text(encoding="utf-8")
@@ -21,7 +19,10 @@ def option(command, name):
     return next(param for param in main.commands[command].params if param.name == name)
 
 
-def test_the_short_option_o_is_the_output_of_every_command():
+def test_one_option_has_one_default_and_o_is_the_output_of_every_command():
+    for name in {param.name for command in COMMANDS for param in command.params} - {"output", "file"}:
+        defaults = [param.default for command in COMMANDS for param in command.params if param.name == name]
+        assert len(set(map(repr, defaults))) == 1, name
     short = {name for name, command in main.commands.items() if any("-o" in param.opts for param in command.params)}
     assert short == {"check", "convert", "demo", "fit", "keep"}
     assert all(option(command, "output").opts == ["-o", "--output"] for command in short)
@@ -31,18 +32,6 @@ def test_the_short_option_o_is_the_output_of_every_command():
 @pytest.mark.parametrize(("name", "argument"), [("adversary", "adversary"), ("seed", "random_state")])
 def test_defaults_are_those_of_python(command, name, argument):
     assert option(command, name).default == inspect.signature(RPIL).parameters[argument].default
-
-
-def test_choices_are_those_of_the_library():
-    named = ["auto", *ADVERSARIES["discrete"], *ADVERSARIES["continuous"]]
-    for name, expected in (("features", FEATURES), ("adversary", named)):
-        assert {choice.replace("-", " ") for choice in option("audit", name).type.choices} == set(expected)
-
-
-def test_one_option_has_one_default():
-    for name in {param.name for command in COMMANDS for param in command.params} - {"output", "file"}:
-        defaults = [param.default for command in COMMANDS for param in command.params if param.name == name]
-        assert len(set(map(repr, defaults))) == 1, name
 
 
 def test_the_page_describes_the_files_of_an_audit():

@@ -15,7 +15,7 @@ import pytest
 
 from asked import BAD, N_STEPS, write
 from command_line import ok, refused
-from rpil.cli.questions.security import Gate
+from rpil.cli.questions.server import Gate
 from rpil.data.id_values import read_answers
 from served import need_server, reviewing
 

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from asked import BAD, N_STEPS, write
-from recordings import write_recording
+from recordings import spike, write_recording
 from rpil.cli.main import main
 from rpil.estimators.pipeline import FitOptions
 from small import FAST
@@ -35,10 +35,6 @@ FILES = {
 """What a user has written, by name."""
 INPUT = {"label": "s\nb it stalls\nz\ng\nq\n"}
 """What is typed into a command that asks."""
-
-
-def spike(observations: np.ndarray, ids: np.ndarray) -> None:
-    observations[np.flatnonzero(ids == 4)[60], 1] += 30
 
 
 def prepare() -> None:

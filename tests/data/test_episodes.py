@@ -69,11 +69,6 @@ def test_parts_of_observations_become_named_columns(observations, names):
     assert named.observation_names == tuple("abcde")
 
 
-def test_parts_of_actions_are_one_continuous_action():
-    parts = {"arm": np.ones((4, 2)), "grip": np.zeros(4)}
-    assert Demonstrations.from_episodes([(X, parts)]).actions.tolist() == [[1, 1, 0]] * 4
-
-
 @pytest.mark.parametrize(
     ("episode", "message"),
     [

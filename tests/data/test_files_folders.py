@@ -12,7 +12,6 @@ import pytest
 
 import rpil
 from hostile import assert_refused
-from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.files import check_folder, check_inside, copy_folder
 from rpil.formats.registry import find
@@ -143,31 +142,6 @@ def test_a_snapshot_of_the_hub_links_to_its_blobs_alone(folder, secret):
     (blobs / "a.parquet").symlink_to(secret / "key.parquet")  # in two steps
     with pytest.raises(DataError, match=r"a\.parquet: it is a link that leads out"):
         rpil.read(snapshot)
-
-
-def test_meta_of_a_file_in_data_is_not_read_through_a_link(folder, secret):
-    (folder / "data").mkdir()
-    file = shutil.move(folder / "a.parquet", folder / "data")
-    (secret / "info.json").write_text(json.dumps({"codebase_version": "v3.0", "fps": 7}))
-    (folder / "meta").symlink_to(secret)
-    with pytest.raises(DataError, match=r"info\.json: it is a link that leads out"):
-        formats.read_recording(file)
-    (folder / "meta").unlink()
-    shutil.copytree(secret, folder / "meta")
-    (folder / "meta" / "episodes").symlink_to(secret)
-    with pytest.raises(DataError, match=r"episodes: it is a link that leads out"):
-        formats.read_recording(file)
-
-
-def test_a_copy_has_files_for_links_and_permissions_of_its_own(folder, tmp_path):
-    (folder / "link").symlink_to("a.parquet")
-    (folder / "a.parquet").chmod(0o400)
-    (folder / "without").mkdir()
-    copy_folder(folder, tmp_path / "copy", without="without")
-    assert sorted(file.name for file in (tmp_path / "copy").rglob("*")) == ["a.parquet", "b", "b.parquet", "link"]
-    assert not (tmp_path / "copy" / "link").is_symlink()
-    (tmp_path / "new").touch()
-    assert (tmp_path / "copy" / "a.parquet").stat().st_mode == (tmp_path / "new").stat().st_mode
 
 
 PIPES = [

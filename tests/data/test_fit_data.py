@@ -27,13 +27,6 @@ def test_selected_demonstrations_keep_their_steps_and_labels():
     np.testing.assert_array_equal(chosen.labels, [-1, 1])
 
 
-def test_steps_without_demonstrations_are_one_demonstration():
-    data = FitData.from_steps(DATA.features, DATA.actions, DATA.space)
-    assert data.n_demonstrations == 1
-    assert data.lengths.tolist() == [6]
-    assert not data.labels.any()
-
-
 GIVEN = Demonstrations(np.ones((3, 1)), [0, 1, 0], [0, 1, 2, 3], ids=["a", "b", "c"], source="x.npz")
 
 

@@ -7,8 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.guard import guarded
+from rpil.data.errors import DataError, MissingExtraError, guarded
 
 FOREIGN = [
     KeyError("actions"),
@@ -34,12 +33,6 @@ def test_a_foreign_error_is_one_sentence(error):
     assert ". " not in message
     assert len(message) < 200
     assert caught.value.__cause__ is error
-
-
-def test_too_little_memory_is_no_damage():
-    with pytest.raises(DataError, match="memory") as caught, guarded("a.npz"):
-        raise MemoryError
-    assert "damage" not in str(caught.value)
 
 
 @pytest.mark.parametrize("number", [errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EINTR, errno.ECHILD, errno.EAGAIN])

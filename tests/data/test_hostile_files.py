@@ -18,15 +18,7 @@ import pyarrow.parquet as pq
 import pytest
 from numpy.lib import format as npy
 
-from hostile import (
-    MAX_BYTES,
-    MAX_SECONDS,
-    assert_refused,
-    read_all,
-    write_letters,
-    write_long_list,
-    write_zeros,
-)
+from hostile import MAX_BYTES, MAX_SECONDS, assert_refused, read_all, write_letters, write_long_list, write_zeros
 
 h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
 numcodecs = pytest.importorskip("numcodecs", reason="needs the extra zarr")
@@ -131,7 +123,7 @@ FILES = {
     "empty-id.parquet": (parquet(episode_index=["", "", "b"]), READ),
     "large-id.parquet": (parquet(episode_index=np.array([2**63, 2**63, 1], np.uint64)), READ),
     "lists-of-ids-on-disk.parquet": (parquet(episode_index=[[0, 1], [0, 1], [1, 2]]), OPEN),
-    "digits-as-key.json": (text(json.dumps({"9" * 5000: 3})), "rpil.formats:read_labels"),
+    "digits-as-key.json": (text(json.dumps({"9" * 5000: 3})), "rpil.data.id_values:read_answers"),
 }
 BOTH = ("long-id", "trailing-nul", "empty-id", "large-id")
 """Files that are read into memory and left on disk."""
@@ -308,7 +300,7 @@ SIZES = {
     "long-list-hidden.parquet": (lambda path: write_long_list(path, 10**7, says=2), READ),
     "letters.parquet": (lambda path: write_letters(path, 12 * 10**7), READ),
     "zeros-hidden.parquet": (lambda path: write_zeros(path, 15 * 10**6, says=2), READ),
-    "lists.json": (labels, "rpil.formats:read_labels"),
+    "lists.json": (labels, "rpil.data.id_values:read_answers"),
 }
 
 

@@ -7,12 +7,12 @@ import csv
 import numpy as np
 import pytest
 
-import rpil
 from problems import refused, refused_file
 from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.id_values import (
     AnswerRow,
+    label_codes,
     label_rows,
     match_pairs,
     parse_answers,
@@ -34,12 +34,12 @@ def test_labels_csv(tmp_path, header):
     row = "{note},{label},{id}" if header.startswith("note") else "{id},{label}"
     rows = [row.format(id=i, label=word, note="") for i, word in ((7, "EXPERT"), ("a", " Bad "), ("b", "good"))]
     path.write_text("\n".join([header, *rows]), encoding="utf-8")
-    labels = formats.read_labels(path)
+    labels, _ = read_answers(path)
     assert labels == {"7": "good", "a": "bad", "b": "good"}
-    assert formats.label_codes(labels, ("b", "x", "a", 7)).tolist() == [1, 0, -1, 1]
-    assert formats.label_codes({"b": "ADVERSARY", 7: "Expert"}, ("b", 7)).tolist() == [-1, 1]
+    assert label_codes(labels, ("b", "x", "a", 7)).tolist() == [1, 0, -1, 1]
+    assert label_codes({"b": "ADVERSARY", 7: "Expert"}, ("b", 7)).tolist() == [-1, 1]
     with refused(r"labels\.csv: no demonstration is called 'a'.*; the ids are '7'"):
-        formats.label_codes(labels, [7], "labels.csv")
+        label_codes(labels, [7], "labels.csv")
 
 
 @pytest.mark.parametrize(
@@ -62,8 +62,8 @@ def test_labels_csv(tmp_path, header):
 def test_bad_labels(tmp_path, name, text, match):
     path = tmp_path / name
     path.write_text(text)
-    refused_file(match, formats.read_labels, path)
-    refused_file("no such file", formats.read_labels, tmp_path / "missing.csv")
+    refused_file(match, read_answers, path)
+    refused_file("no such file", read_answers, tmp_path / "missing.csv")
 
 
 def better(pairs):
@@ -73,12 +73,10 @@ def better(pairs):
 def test_a_file_of_answers_holds_labels_and_pairs(tmp_path):
     path = tmp_path / "answers.csv"
     path.write_text('id,label\n7,good\n7,better than 3\n7,"BETTER  Than a,b"\n3, Better than a b \n7,better than 3\n')
-    assert formats.read_answers(path) == ({"7": "good"}, better([("7", "3"), ("7", "a,b"), ("3", "a b")]))
-    assert formats.read_labels(path) == {"7": "good"}
+    assert read_answers(path) == ({"7": "good"}, better([("7", "3"), ("7", "a,b"), ("3", "a b")]))
     path.write_text("id,label\n12,Same  AS 7\n12,same as a same as b\n7,same as 12\n7,same as 3\n")
     same = dict.fromkeys([("12", "7"), ("12", "a same as b"), ("3", "7")], "same as")  # neither is the first
-    assert formats.read_answers(path) == ({}, same)
-    refused_file("labels no demonstration", formats.read_labels, path)
+    assert read_answers(path) == ({}, same)
 
 
 @pytest.mark.parametrize(
@@ -97,7 +95,7 @@ def test_a_file_of_answers_holds_labels_and_pairs(tmp_path):
 def test_bad_pairs(tmp_path, text, match):
     path = tmp_path / "answers.csv"
     path.write_text(f"id,label\n{text}")
-    refused_file(match, formats.read_answers, path)
+    refused_file(match, read_answers, path)
 
 
 def test_pairs_are_numbers_of_demonstrations():
@@ -200,12 +198,6 @@ def test_whatever_an_id_is_its_answers_are_read_as_they_were_written(tmp_path, n
     assert parse_answers(as_rows([*words, *compared]), "") == (dict(words), pairs)
 
 
-def test_white_space_around_an_id_is_left_out_but_in_quotes(tmp_path):
-    path = tmp_path / "labels.csv"
-    path.write_text('id,label \n 3 ,bad\n" a ",good \n7,better than 3 ')
-    assert read_answers(path) == ({"3": "bad", " a ": "good"}, better([("7", "3")]))
-
-
 def test_a_file_with_a_mark_of_its_encoding_keeps_it(tmp_path):
     for before in (b"id,label\r\n", b"\xef\xbb\xbfid,label\r\n"):
         write_answers(tmp_path / "labels.csv", before, [AnswerRow("\u00e9", "good")])
@@ -231,15 +223,6 @@ def test_notes_are_read_as_they_were_written(tmp_path, before):
     assert not [cell for cell in cells if cell[0] in "=+-@\t\r\n＝"], "a spreadsheet computes none of them"
     if before:
         assert path.read_bytes().splitlines()[1].startswith(before.splitlines()[1]), "old rows keep their cells"
-
-
-def test_a_label_replaces_the_one_before(tmp_path):
-    path = tmp_path / "labels.csv"
-    before = b"id,label,by\n1,good,anna\n2,good,\n1,better than 2,bilal\n"
-    write_answers(path, before, [AnswerRow("1", "bad", "after all")])
-    assert path.read_text().splitlines() == [
-        "id,label,by,note", "2,good,,", "1,better than 2,bilal,", "1,bad,,after all",
-    ]  # fmt: skip
 
 
 IDS, LENGTHS = ("a, b", 'say "x"', "é\u2028z", "4"), np.array([20, 30, 40, 50])
@@ -294,39 +277,3 @@ def test_a_written_mark_replaces_that_of_the_same_rows_alone(tmp_path):
     }  # fmt: skip
     write_answers(path, path.read_bytes(), [AnswerRow("4", "good")])
     assert len(read_answer_rows(path)) == 3
-
-
-def recording(n=10):
-    rng = np.random.default_rng(0)
-    pairs = ((x := rng.normal(size=(20, 3)), x[:, :2] + 0.1 * rng.normal(size=(20, 2))) for _ in range(n))
-    return rpil.Demonstrations.from_episodes(list(pairs), ids=[f"r{k}" for k in range(n)])
-
-
-def test_bad_rows_weigh_nothing_and_change_no_verdict():
-    data = recording()
-    plain, marked = rpil.audit(data), rpil.audit(data, labels={("r3", 5, 15): "bad", ("r4", 0, 3): "good"})
-    rows = slice(3 * 20 + 5, 3 * 20 + 15)
-    assert not marked.step_weight[rows].any()
-    assert (marked.step_weight == 0).sum() == 10
-    assert marked.step_weight.mean() == pytest.approx(1)
-    assert marked.verdicts == plain.verdicts
-    assert marked.finding == plain.finding
-    np.testing.assert_array_equal(plain.log_odds, marked.log_odds)
-    later = plain.answered({("r3", 5, 15): "bad"})
-    np.testing.assert_allclose(later.step_weight, marked.step_weight)
-    both = rpil.audit(data, labels={("r3", 5, 15): "bad", "r3": "good", "r1": "bad"})
-    assert not both.step_weight[rows].any()
-    np.testing.assert_allclose(
-        plain.answered({"r3": "good", "r1": "bad", ("r3", 5, 15): "bad"}).step_weight, both.step_weight
-    )
-    assert not len(later.answered({"r3": "good"}, instead=True).answers.marks)
-    with pytest.raises(DataError, match="no demonstration is called 'r99'"):
-        plain.answered({("r99", 5, 15): "bad"})
-    with pytest.raises(DataError, match="no demonstration is called 'r99'"):
-        rpil.audit(data, labels={("r99", 5, 15): "bad"})
-
-
-def test_labels_that_are_no_rows_are_still_read_as_before():
-    assert label_rows({3: "good"}) == [AnswerRow("3", "good", "", "", "")]
-    with pytest.raises(DataError):
-        label_rows([("a", 1, 2, "bad")])

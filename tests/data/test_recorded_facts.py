@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from problems import refused
-from rpil.data.recorded_facts import check_outcome, check_sessions, given_outcome, outcome_of_steps
+from rpil.data.fit_data import check_outcome, check_sessions, given_outcome, outcome_of_steps
 
 OFFSETS, NAN = np.array([0, 3, 5, 9]), np.nan
 

@@ -10,13 +10,6 @@ from rpil.data.errors import DataError
 from rpil.data.spaces import Box, Discrete, action_space, encode_actions
 
 
-def test_the_most_likely_of_k_actions():
-    outputs = np.log([[0.2, 0.5, 0.3], [0.6, 0.1, 0.3]])
-    np.testing.assert_array_equal(Discrete(3).act(outputs), [1, 0])
-    assert Discrete(3).bounded(outputs) is outputs
-    assert Discrete(3) == Discrete(3) != Discrete(2)
-
-
 def test_a_box_keeps_what_is_done_within_its_bounds():
     box = Box(np.array([-1.0, 0.0]), np.array([1.0, 4.0]))
     outputs = np.array([[-3.0, 2.0], [0.5, 9.0]])
@@ -51,7 +44,7 @@ def test_other_answers_are_not_executed(answer):
     assert Discrete(3, start=5).executed(np.asarray(answer), 2) is None
 
 
-def test_a_box_clips_and_takes_the_precision_of_its_bounds():
+def test_a_box_clips_and_takes_the_precision_of_its_bounds_and_has_no_draw_without_them():
     box = Box(np.float32([-1, 0]), np.float32([1, 10]))
     actions = box.executed(np.array([[-3.0, 4.0], [0.25, 1e300]]), 2)
     assert actions.dtype == np.float32
@@ -59,6 +52,8 @@ def test_a_box_clips_and_takes_the_precision_of_its_bounds():
     np.testing.assert_array_equal(box.executed(np.array([[3, 4]]), 1), [[1, 4]])
     assert box.executed(np.empty((0, 2)), 0).shape == (0, 2)
     assert str(box) == "continuous actions (-1 to 1, 0 to 10)"
+    with pytest.raises(DataError, match=r"from continuous actions \(-1 to inf\): give .* two finite bounds\.$"):
+        Box(np.float32([-1]), np.float32([np.inf])).draw(3, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(
@@ -78,11 +73,6 @@ def test_flip_and_shift_stay_in_the_box_and_undo_themselves():
         # A number at half of its range may come back at either end.
         inside = np.abs(actions - (box.low + box.high) / 2) > 1e-3 * (box.high - box.low)
         np.testing.assert_allclose(np.where(inside, turn(turned), actions), actions, rtol=1e-4, atol=1e-6)
-
-
-def test_no_uniform_draw_without_bounds():
-    with pytest.raises(DataError, match=r"from continuous actions \(-1 to inf\): give .* two finite bounds\.$"):
-        Box(np.float32([-1]), np.float32([np.inf])).draw(3, np.random.default_rng(0))
 
 
 X, OFFSETS = np.zeros((4, 1)), [0, 1, 4]
@@ -116,8 +106,3 @@ def test_codes_are_places_among_the_classes(classes):
     for unknown in (-1, 9):
         with pytest.raises(DataError, match=rf"a\.csv: action {unknown} is not among the fitted ones"):
             encode_actions(classes, np.array([classes[0], unknown]), "a.csv")
-
-
-def test_actions_of_one_class_are_refused():
-    with pytest.raises(DataError, match="one class only"):
-        action_space(Demonstrations(X, np.zeros(4, dtype=int), OFFSETS))

@@ -11,22 +11,8 @@ import pytest
 
 import rpil
 from rpil import formats
-from rpil.data.text import (
-    counted,
-    duration,
-    each_text,
-    for_others,
-    from_cell,
-    listed,
-    moment,
-    one_line,
-    printable,
-    to_cell,
-)
-from rpil.formats import write_weights
-from rpil.formats.csv import write_tables
+from rpil.data.text import counted, duration, each_text, for_others, from_cell, listed, moment, printable, to_cell
 from rpil.formats.registry import find
-from rpil.results.choice import read_verdicts
 
 
 @pytest.mark.parametrize(
@@ -43,11 +29,6 @@ from rpil.results.choice import read_verdicts
 def test_invisible_characters_are_escaped(name, shown):
     assert printable(name) == shown
     printable(name).encode("utf-8")
-
-
-def test_lines_may_stay_or_become_spaces():
-    assert printable("a\n\tb\x1b", kept="\n\t") == "a\n\tb\\x1b"
-    assert one_line(" a\n\tb ") == "a b"
 
 
 def test_five_names_are_listed_and_the_others_counted():
@@ -142,23 +123,3 @@ def _is_number(text):
         return bool(float(text)) or True
     except ValueError:
         return False
-
-
-def test_names_of_columns_are_no_formulas(tmp_path):
-    write_tables(tmp_path / "a.csv", iter([pa.table({"=t": [1.5], "-x": ["@b"]})]))
-    assert cells(tmp_path / "a.csv") == ["'=t", "'-x", "1.5", "'@b"]
-    one = np.ones(4)
-    columns = lambda steps: pa.table({"=order": np.arange(4)[steps]})  # noqa: E731
-    write_weights(tmp_path / "w.csv", ["+a", "b"], np.array([0, 2, 4]), one, one[:2], one[:2], columns)
-    assert "'=order" in cells(tmp_path / "w.csv")
-    assert "'+a" in cells(tmp_path / "w.csv")
-
-
-@pytest.mark.parametrize("quoted", [False, True])
-def test_labels_and_verdicts_name_such_ids(tmp_path, quoted):
-    ids = [f"'{name}" for name in FORMULAS] if quoted else FORMULAS[:4]
-    for name, header in (("labels.csv", "label"), ("verdicts.csv", "verdict")):
-        with (tmp_path / name).open("w", newline="") as file:
-            csv.writer(file).writerows([["id", header], *([one, "expert"] for one in ids)])
-    assert [*formats.read_labels(tmp_path / "labels.csv")] == FORMULAS[: len(ids)]
-    assert read_verdicts(tmp_path / "verdicts.csv")["id"] == FORMULAS[: len(ids)]

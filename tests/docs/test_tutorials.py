@@ -31,13 +31,6 @@ def test_the_blocks_run_and_print_what_the_page_says(name, tmp_path):
         assert (tmp_path / picture).stat().st_size > 1_000
 
 
-def test_a_page_that_says_something_else_is_noticed(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("```python\nprint('a fact', 3)\n```\n\n```text\na ... 3\n```\n\n```text\na fact 4\n```\n")
-    (wrong,) = TOOL["run"](page, tmp_path)
-    assert "a fact 4" in wrong
-
-
 def test_every_finding_has_its_section_and_its_sentence():
     text = (TUTORIALS / "findings.md").read_text(encoding="utf-8")
     sections = {title.lower(): body for title, body in re.findall(r"^## (.+?)\n(.*?)(?=^## |\Z)", text, re.M | re.S)}

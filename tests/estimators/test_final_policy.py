@@ -26,13 +26,3 @@ def test_cloning_takes_what_is_chosen():
     assert np.mean(model.predict(observations) == codes) > 0.97
     rows = BehavioralCloning("auto").fit(observations, codes)  # every row is held out on its own
     assert rows.features_.kind == "nystroem"
-
-
-def test_a_given_ridge_is_kept():
-    observations, codes, offsets = told(curved)
-    data = Demonstrations(observations, codes, offsets)
-    model = BehavioralCloning("auto", C=0.5).fit(data)
-    expected = BehavioralCloning(model.features_.kind, C=0.5).fit(data)
-    np.testing.assert_array_equal(model.predict(observations), expected.predict(observations))
-    ratio = model.policy_.weights / expected.policy_.weights
-    np.testing.assert_allclose(ratio, ratio[0, 0])  # but for the temperature

@@ -81,18 +81,6 @@ def test_labels_outside_the_sample_are_used():
     assert weight[data.offsets[3] : data.offsets[4]].max() < 0.5  # the policy is hardly taught by it
 
 
-def test_demonstrators_of_large_data_change_log_odds():
-    toy, data = demonstrations("noisy")
-    names = [f"{'good' if is_good else 'bad'} {m % 2}" for m, is_good in enumerate(toy.is_good)]
-    labels = dict.fromkeys(data.ids[:2], "good") | dict.fromkeys(data.ids[-2:], "bad")
-    model, other = both(data, fit={"demonstrators": names, "labels": labels})
-    assert_alike(model, other, 0.2, 0.95)
-    lent = model.audit_.from_demonstrator
-    assert lent[2:80].min() > 0 > lent[80:-2].max()
-    found = {who.name: who.trust.mean for who in model.audit_.demonstrators}
-    assert min(found[f"good {k}"] for k in range(2)) > max(found[f"bad {k}"] for k in range(2))
-
-
 def test_engines_judge_copies_in_the_sample_once(monkeypatch):
     _, data = demonstrations("random")
     rows = [data.observations, *[data.observations[: data.offsets[1]]] * 60]

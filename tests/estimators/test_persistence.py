@@ -4,51 +4,14 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.tree import DecisionTreeClassifier
 
 from archives import mountain_car, npy, refused, rewrite
-from rpil import RPIL, BehavioralCloning, Confusion, RMEnt, load, save
+from rpil import RPIL, BehavioralCloning, RMEnt, load, save
 from rpil.data.errors import DataError
 from rpil.mixture.adversaries.discrete import Uniform
-from small import mixture as mixture_settings
 
 
 @pytest.fixture(scope="module")
 def data():
     return mountain_car()
-
-
-@pytest.mark.parametrize(
-    "estimator",
-    [
-        RPIL(labels={"é0": "good", "é7": "bad"}, random_state=5),
-        RPIL("folded", adversary="marginal", settings=mixture_settings(prior=0.5, m_step="expert_only")),
-        RPIL(adversary=Confusion.given(np.full((3, 3), 1 / 3)), progress=print),
-        BehavioralCloning(features="folded", C=3.0),
-    ],
-)
-def test_loaded_estimator_predicts_the_same_bits(estimator, data, tmp_path):
-    estimator.fit(data)
-    path = tmp_path / "any.name"
-    save(estimator, path)
-    loaded = load(path)
-    assert type(loaded) is type(estimator)
-    states = np.random.default_rng(0).normal(size=(300, 2))
-    for method in ("predict", "predict_proba", "predict_log_proba"):
-        np.testing.assert_array_equal(getattr(loaded, method)(states), getattr(estimator, method)(states))
-    for name in ("coef_", "intercept_", "classes_", "n_features_in_", "observation_names_"):
-        np.testing.assert_array_equal(getattr(loaded, name), getattr(estimator, name))
-    ours, theirs = (
-        loaded.get_params(),
-        estimator.get_params() | ({"progress": None} if "progress" in vars(estimator) else {}),
-    )
-    adversary = ours.pop("adversary", None), theirs.pop("adversary", None)
-    assert ours == theirs
-    if isinstance(adversary[1], Confusion):
-        np.testing.assert_array_equal(adversary[0].log_matrix, adversary[1].log_matrix)
-        assert not adversary[0].learned
-    else:
-        assert adversary[0] == adversary[1]
-    again = tmp_path / "again"
-    save(loaded, again)
-    assert again.read_bytes() == path.read_bytes()
 
 
 def test_a_loaded_rpil_has_the_state_of_its_mixture_and_no_audit(data, tmp_path):

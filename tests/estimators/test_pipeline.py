@@ -66,15 +66,6 @@ def with_copies(demonstrations: Demonstrations, every) -> Demonstrations:
     return Demonstrations(demonstrations.observations[rows], demonstrations.actions[rows], offsets, ids)
 
 
-def test_two_groups_list_copies():
-    data = make("flipped", 1, n_good=7, n_bad=6).demonstrations
-    once, found = (RPIL().fit(some).audit_ for some in (data, with_copies(data, [*range(13), 0])))
-    assert once.finding == "two groups"
-    assert any("d0" in group for group in once.competing)
-    with_it = [{*group, "copy 0"} if "d0" in group else {*group} for group in once.competing]
-    assert [{*group} for group in found.competing] == with_it
-
-
 @pytest.mark.parametrize("policy", [None, "own"])
 def test_nothing_is_learned_from_copies_of_one_demonstration(policy):
     toy = make_continuous("random", 3, n_good=1, n_bad=1)

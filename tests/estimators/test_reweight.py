@@ -10,7 +10,7 @@ from scipy.special import log_softmax
 from sklearn.metrics import roc_auc_score
 
 from problems import Toy, make, refused
-from rpil import Demonstrations, reweight
+from rpil import reweight
 
 TOY = make("random", 0, n_good=12, n_bad=8, steps=(30, 50))
 
@@ -134,18 +134,3 @@ def frozen_elsewhere(policy, observations, actions, weights):
 def test_invalid_functions_and_options_are_refused_in_one_sentence(wrong, words):
     with refused(words):
         reweight(Linear(), TOY.demonstrations, **({"log_prob": log_prob, "train": train} | wrong))
-
-
-def test_reweight_judges_copies_once():
-    every = np.concatenate([np.arange(len(TOY.ids)), np.zeros(5, dtype=int)])
-    rows = np.concatenate([np.arange(TOY.offsets[m], TOY.offsets[m + 1]) for m in every])
-    offsets = np.append(0, np.cumsum(np.diff(TOY.offsets)[every]))
-    data = Demonstrations(TOY.observations[rows], TOY.actions[rows], offsets)
-    once, more = (
-        reweight(Linear(), each, log_prob=log_prob, train=train, max_rounds=4) for each in (TOY.demonstrations, data)
-    )
-    np.testing.assert_array_equal(more.audit.log_odds, once.audit.log_odds[every])
-    assert more.step_weight.shape == data.actions.shape
-    assert more.audit.notes[-1] == "5 demonstrations are copies of 1 other: each is judged once."
-    assert more.audit.notes[0].startswith("The policy trusts ")
-    assert (more.policy.weights != once.policy.weights).any()  # it learns from copies as well

@@ -11,7 +11,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 from problems import make, make_continuous, refused, ridge
 from rpil.estimators.cloning import BehavioralCloning
-from rpil.estimators.rment import RMEnt, concentrate, fit_selected, starts
+from rpil.estimators.rment import RMEnt, concentrate, fit_selected
 from rpil.numerics.blocks import one_hot
 from rpil.policies.features import ridge_of
 from rpil.policies.linear import linear_policy
@@ -62,12 +62,8 @@ def test_experts_are_selected_and_their_policy_is_learned():
     assert model.ids_ == toy.ids
     assert model.converged_
     good = toy.is_good[toy.groups]
-    naive, oracle = (
-        BehavioralCloning().fit(toy.observations[kept], toy.actions[kept]).predict_proba(toy.observations)
-        for kept in (good | True, good)
-    )
-    error = np.abs(model.predict_proba(toy.observations) - oracle).mean()
-    assert error < 0.3 * np.abs(naive - oracle).mean()
+    oracle = BehavioralCloning().fit(toy.observations[good], toy.actions[good])
+    assert np.abs(model.predict_proba(toy.observations) - oracle.predict_proba(toy.observations)).mean() < 0.01
 
 
 def test_demonstrations_weigh_the_same_whatever_their_length():
@@ -114,10 +110,3 @@ def test_warning_without_convergence():
 def test_errors_are_one_sentence(n_trusted, data, words):
     with refused(words):
         RMEnt(n_trusted=n_trusted).fit(data)
-
-
-def test_starts_are_all_demonstrations_single_ones_and_random_subsets():
-    found = starts(5, 3, 10, np.random.default_rng(0))
-    assert [chosen.sum() for chosen in found] == [5, 1, 1, 1, 1, 1, 3, 3, 3, 3]
-    assert (np.sum(found[1:6], axis=0) == 1).all()
-    assert len(starts(5, 3, 4, np.random.default_rng(0))) == 4

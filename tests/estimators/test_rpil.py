@@ -11,7 +11,6 @@ import pytest
 from sklearn import config_context
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
-from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
 from sklearn.model_selection import GroupKFold, cross_validate
 from sklearn.utils.estimator_checks import parametrize_with_checks
@@ -21,7 +20,7 @@ from rpil import Settings
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
-from rpil.inference.settings import HeldOutSettings, JudgeSettings, PartSettings, TrimmingSettings
+from rpil.inference.settings import HeldOutSettings, PartSettings, TrimmingSettings
 from small import FAST, ONE_SHARE, mixture
 
 STEPS = (40, 60)
@@ -110,19 +109,6 @@ def test_same_seed_gives_same_bits_for_arrays_and_demonstrations(toy, estimator)
             assert other.objective_ == models[0].objective_
 
 
-def test_text_for_actions_and_ids():
-    toy = make("random", 0)
-    words = np.array(["left", "none", "right"])[toy.actions]
-    ids = np.array([f"trial {m}" for m in toy.groups])
-    numbers = RPIL(settings=FAST).fit(toy.observations, toy.actions, groups=toy.groups)
-    text = RPIL(settings=FAST).fit(toy.observations, words, groups=ids)
-    assert set(text.predict(toy.observations)) <= {"left", "none", "right"}
-    np.testing.assert_array_equal(text.classes_, ["left", "none", "right"])
-    assert text.audit_.ids == tuple(f"trial {m}" for m in range(12))
-    np.testing.assert_array_equal(text.log_odds_, numbers.log_odds_)
-    assert text.score(toy.observations, words) == numbers.score(toy.observations, toy.actions)
-
-
 def test_cross_validate_without_groups_is_an_error():
     toy = make("random", 0)
     model, splits = RPIL(adversary="uniform"), GroupKFold(3)
@@ -151,25 +137,6 @@ def test_progress_is_reported():
 def test_warning_without_convergence():
     with pytest.warns(ConvergenceWarning, match="raise max_iter"):
         RPIL(adversary="confusion", settings=mixture(max_iter=1, tol=0.0)).fit(make("window", 0).demonstrations)
-
-
-def test_settings_of_the_judge_reach_the_scores():
-    data = make("random", 0).demonstrations
-    changed = Settings(judge=JudgeSettings(held_out=HeldOutSettings(lapse=0.4)))
-    for policy in (None, LogisticRegression()):
-        usual, other = (RPIL(policy=policy, settings=settings).fit(data).audit_ for settings in (None, changed))
-        assert np.abs(other.step_log_ratio - usual.step_log_ratio).mean() > 0.1
-
-
-def test_uninformative_demonstrators_change_no_bit():
-    data, model = make("random", 0).demonstrations, RPIL(settings=FAST)
-    alone = model.fit(data).log_odds_
-    for useless, said in ((["Ann"] * 12, "One demonstrator"), (range(12), "No demonstrator gave two")):
-        with pytest.warns(UserWarning, match=said):
-            model.fit(data, demonstrators=useless)
-        np.testing.assert_array_equal(model.log_odds_, alone)
-        assert model.audit_.demonstrators == ()
-        assert any(said in sentence for sentence in model.audit_.assumptions)
 
 
 @pytest.mark.parametrize(("prior", "is_turned"), [(None, False), (0.9, False), (0.2, True), ((20, 80), True)])

@@ -100,23 +100,6 @@ def test_data_on_disk(both, judged):
     assert len(one_task.audit_.ids) == 22
 
 
-@pytest.mark.parametrize(("n", "is_few"), [(7, True), (8, False)])
-def test_few_demonstrations_are_said_to_be_few(both, n, is_few):
-    recording = rpil.open(both, only=f"0-{n - 1}", exclude="task,who")
-    notes = rpil_of(recording).audit_.notes
-    assert any(f"{n} demonstrations are too few" in note for note in notes) == is_few
-
-
-def test_a_label_alone_changes_nothing_about_other_tasks(both):
-    recording = rpil.open(both, only="0-10,100")
-    without, labelled = rpil_of(recording).audit_, rpil_of(recording, labels={100: "bad"}).audit_
-    assert labelled.verdicts == (*without.verdicts[:-1], "bad")
-    np.testing.assert_array_equal(labelled.log_odds[:-1], without.log_odds[:-1])
-    assert labelled.step_weight[labelled.steps(11)].max() < 0.1
-    assert labelled.labelled == (100,)
-    np.testing.assert_allclose(sum(labelled.evidence.values()), labelled.log_odds)
-
-
 def test_who_is_called_bad_has_no_weight_in_a_task_without_a_good_one_either(both):
     labels = {0: "good", 1: "good", 10: "bad", 100: "bad", 101: "bad"}
     audit = rpil.audit(both, labels=labels, settings=FAST)

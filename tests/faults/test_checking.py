@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 import rpil
-from recordings import changed, demonstrations, recording, with_missing
+from recordings import changed, demonstrations, edited, recording, with_missing
 from rpil import Demonstrations, formats
 from rpil.faults.checking import check
 from rpil.faults.report import RULES
@@ -65,12 +65,6 @@ M = 5  # the demonstration with the fault
 X, A = CLEAN[M]
 
 
-def edited(values, rows, columns, new):
-    out = values.copy()
-    out[rows, columns] = new
-    return out
-
-
 def test_the_worst_comes_first_and_each_demonstration_once_for_each_rule():
     spiky = changed(CLEAN, M, observations=edited(edited(X, 60, 1, X[60, 1] + 20), 90, 2, X[90, 2] + 30))
     other = spiky[1][0]
@@ -84,12 +78,6 @@ def test_large_numbers_and_infinities_of_both_signs_raise_no_warning():
     assert check(demonstrations(large)).findings == ()
     both = with_missing(changed(CLEAN, M, observations=edited(X, [60, 90], 1, [np.inf, -np.inf])))
     assert {fault.id for fault in check(both).findings} == {M}
-
-
-def test_the_order_of_demonstrations_changes_nothing():
-    faulty = demonstrations(changed(CLEAN, M, actions=edited(A, slice(80, None), 2, A[80:, 2] + 20)))
-    backwards = check(faulty.select(np.arange(len(faulty))[::-1]))
-    assert [f.sentence for f in backwards.findings] == [f.sentence for f in check(faulty).findings]
 
 
 def test_missing_values_are_set_aside_on_demand_and_infinite_actions_are_named():

@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 
 from rpil.faults.checking import without_consequences
-from rpil.faults.command_rules import CommandRule
 from rpil.faults.measured_columns import MeasuredColumns
-from rpil.faults.motion import Jump, Spike
-from rpil.faults.report import FaultReport
+from rpil.faults.motion import CommandRule, Jump, Spike
 from rpil.faults.rule import ComparingRule, Fault, Measurements, above
 from rpil.faults.still import FrozenSensor, NeverMoves, Saturation
 from rpil.faults.tracking import Tracked
-from rpil.faults.whole_rules import IdleEnd, IdleHead, IdleTail, Length, OtherLag
+from rpil.faults.whole_rules import IdleEnd, Length, OtherLag
 
 M = 8
 
@@ -165,12 +163,9 @@ def test_one_value_for_long_is_no_fault_at_first(case, frozen, saturated):
 
 def test_other_columns_with_the_fault_are_counted():
     still = np.where(np.arange(M)[:, None] == 3, [[30, 13, 12]], 1)
-    ends = np.full((M, 3), 0.0), np.full((M, 3), 10.0)
-    last = np.zeros(M, dtype=int), np.zeros(M, dtype=int)
-    rule = applied(
-        FrozenSensor, still, np.full((M, 3), 5), still + 1, np.full((M, 3), 5.0), *ends, *last, of=columns(3)
-    )
-    (fault,) = rule.findings()
+    ends, last = (np.full((M, 3), 0.0), np.full((M, 3), 10.0)), np.zeros((2, M), dtype=int)
+    frozen = still, np.full((M, 3), 5), still + 1, np.full((M, 3), 5.0), *ends, *last
+    (fault,) = applied(FrozenSensor, *frozen, of=columns(3)).findings()
     assert fault.sentence.endswith("(usual: up to 12 steps); the same in 1 more column")
 
 
@@ -240,20 +235,6 @@ def test_ends_are_idle_where_no_controller_settles(motion, is_idle):
         assert (tail if at_head else head).tolist() == [0, 0, 0]
 
 
-def test_idle_ends_are_faults_beyond_the_usual_and_the_steps_to_trim():
-    lengths = np.arange(40, 48)
-    measured = np.array([0, 0, 0, 0, 0, 0, 10, 30]), np.array([0, 0, 0, 0, 20, 0, 10, 0]), *np.zeros((5, 8), dtype=int)
-    for rule, expected in ((IdleHead, [(7, 0, 29)]), (IdleTail, [(4, 24, 43)])):
-        assert found(applied(rule, *measured, lengths=lengths)) == expected
-
-
-def test_what_has_no_number_is_written_as_none():
-    fault = Fault("missing values", 3, 0, 2, "x", 1.0, 0.0, np.inf, "it is nan")
-    assert fault.to_dict()["severity"] is None
-    assert fault.to_dict()["sentence"] == "it is nan"
-    assert FaultReport((fault,), {}, {}, {}, {}, 5, 50).counts == {"missing values": 1}
-
-
 def test_steps_are_told_with_their_time_where_it_is_known():
     data = Measurements(None, {}, (), np.array([3]), 1.0)
     assert data.in_steps(2) == "2 steps (2000 ms)"
@@ -286,9 +267,6 @@ def test_the_worst_finding_of_each_rule_stays_without_those_that_follow_from_ano
     assert without_consequences([lighter, jump]) == [jump]
     assert without_consequences([lighter, jump, frozen]) == [frozen]
     assert without_consequences([jump, replace(frozen, id=4)]) == [jump, replace(frozen, id=4)]
-
-
-def test_a_finding_that_follows_from_another_explains_none():
-    jump, frozen, idle = fault("jump"), fault("frozen sensor", first=6, last=9), fault("idle tail", last=9)
+    frozen, idle = fault("frozen sensor", first=6, last=9), fault("idle tail", last=9)  # which explains no jump
     assert without_consequences([jump, frozen]) == [frozen]
     assert {*without_consequences([jump, frozen, idle])} == {jump, idle}

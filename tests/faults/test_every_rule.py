@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from recordings import changed, demonstrations, recording, with_missing
+from recordings import changed, demonstrations, edited, recording, with_missing
 from rpil.faults import settings
 from rpil.faults.checking import check
 from rpil.faults.recorded import FOLDER_RULES
@@ -18,12 +18,6 @@ X, A = CLEAN[M]
 T = len(X)
 WHOLE, SECOND = (0, T - 1), np.array([1, -1, 1])
 HIGH = max(x[:, 1].max() for x, _ in CLEAN)
-
-
-def edited(values, rows, columns, new):
-    out = values.copy()
-    out[rows, columns] = new
-    return out
 
 
 def delayed(values, steps):
@@ -58,10 +52,7 @@ PLANTED = {
         {"actions": edited(A, slice(80, None), 2, A[80:, 2] + 20)},
         *((79, 80), "action 2", "action 2 jumps by 19.9 at step 80 (usual: up to 0.259)", 77.1246),
     ),
-    "frozen sensor": (
-        {"observations": edited(X, slice(50, 90), 1, X[50, 1])},
-        *held(X[50, 1], "observation 1"),
-    ),
+    "frozen sensor": ({"observations": edited(X, slice(50, 90), 1, X[50, 1])}, *held(X[50, 1], "observation 1")),
     "frozen action": ({"actions": edited(A, slice(50, 90), 0, A[50, 0])}, *held(A[50, 0], "action 0")),
     "saturation": ({"observations": edited(X, slice(50, 90), 1, HIGH + 1)}, *held(HIGH + 1, "observation 1")),
     "scale": (
@@ -101,10 +92,7 @@ PLANTED = {
         {"actions": X},
         *(WHOLE, "", "the action is the state of the same step: a policy learns to stay", 1e6),
     ),
-    "wraps": (
-        {"observations": wrapped(X)},
-        *(WHOLE, "observation 1", "observation 1 wraps: it leaps by 6.283", 4.0),
-    ),
+    "wraps": ({"observations": wrapped(X)}, *(WHOLE, "observation 1", "observation 1 wraps: it leaps by 6.283", 4.0)),
     "pause": (inserted(70, 60), (71, 130), "", "nothing moves for 60 steps from step 71", 60 / settings.LONG_IDLE),
     "never moves": (
         {"actions": np.where(SECOND < 0, A[:1], A)},

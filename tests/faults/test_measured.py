@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from recordings import changed, demonstrations, recording
-from rpil.faults import lag, settings
+from rpil.faults import settings, tracking
 from rpil.faults.checking import check
 from rpil.faults.measured_columns import changes, column_labels, learn_columns, means, pilot
-from rpil.faults.motion import Jump, RepeatedFrames, Scale, Spike
+from rpil.faults.motion import Jump, RepeatedFrames, Spike
 from rpil.faults.rule import Learned
 from rpil.faults.still import largest, longest_runs
 
@@ -91,14 +91,6 @@ def test_spikes_and_jumps_are_the_largest_of_each_demonstration():
         assert of_all[m, 0] == pytest.approx(max([0.0, *own]))
 
 
-def test_levels_and_changes_are_means_of_sizes():
-    values = RNG.normal(size=(2, OFFSETS[-1]))
-    level, change = Scale.measure(block_of(values), None)
-    for m, part in enumerate(each(values)):
-        np.testing.assert_allclose(level[m], np.abs(part).mean(axis=1))
-        np.testing.assert_allclose(change[m], np.abs(np.diff(part, axis=1)).sum(axis=1) / part.shape[1])
-
-
 @pytest.mark.parametrize(
     ("steps", "motion", "expected"),
     [
@@ -127,7 +119,7 @@ def test_rows_are_repeated_between_rows_that_move(steps, motion, expected):
 
 def test_series_are_whitened_by_what_an_action_remembers():
     values, memory = RNG.normal(size=OFFSETS[-1]), np.array([0.5, -0.25])
-    white = lag.whitened(values, memory, OFFSETS)
+    white = tracking.whitened(values, memory, OFFSETS)
     for a, b in itertools.pairwise(OFFSETS):
         x = values[a:b] - values[a:b].mean()
         own = [x[t] - 0.5 * x[t - 1] + 0.25 * x[t - 2] if t > 1 else 0.0 for t in range(b - a)]
@@ -135,9 +127,9 @@ def test_series_are_whitened_by_what_an_action_remembers():
     x = np.zeros(400)
     for t in range(2, 400):
         x[t] = 0.5 * x[t - 1] - 0.25 * x[t - 2] + RNG.normal()
-    np.testing.assert_allclose(lag._memory(x, np.array([0, 400]), 2), memory, atol=0.1)
-    assert lag._memory(values[:3], np.array([0, 1, 3]), 2).tolist() == [0, 0]
-    rows = lag._memory(values, OFFSETS, 2)
+    np.testing.assert_allclose(tracking._memory(x, np.array([0, 400]), 2), memory, atol=0.1)
+    assert tracking._memory(values[:3], np.array([0, 1, 3]), 2).tolist() == [0, 0]
+    rows = tracking._memory(values, OFFSETS, 2)
     past, now = [], []
     for a, b in itertools.pairwise(OFFSETS):
         x = values[a:b] - values[a:b].mean()
@@ -148,9 +140,9 @@ def test_series_are_whitened_by_what_an_action_remembers():
 
 def test_correlations_are_those_within_demonstrations():
     driver, change, most = RNG.normal(size=OFFSETS[-1]), RNG.normal(size=(2, OFFSETS[-1])), 3
-    found, own = lag._correlations(driver, change, OFFSETS, most), []
+    found, own = tracking._correlations(driver, change, OFFSETS, most), []
     for c in range(2):
-        own.append(lag._own_correlations(driver, change[c], OFFSETS, most))
+        own.append(tracking._own_correlations(driver, change[c], OFFSETS, most))
     norms = np.sqrt((driver**2).sum() * (change**2).sum(axis=1))
     for k in range(-most, most + 1):
         total = np.zeros(2)
@@ -171,7 +163,7 @@ def test_what_is_learned_of_sound_recordings():
     learned = Learned.of(data)
     assert learned.pairs == ()  # which commands need not
     sample = learn_columns(*pilot(data), column_labels(data))
-    found, _ = lag.find_lag(sample, settings.MAX_LAG, ())
+    found, _ = tracking.find_lag(sample, settings.MAX_LAG, ())
     pairs = [(pair.action, pair.state, pair.of_change, len(pair.memory), pair.lag) for pair in found]
     assert pairs == [(4, 1, False, 3, 2), (5, 2, False, 3, 2), (3, 0, False, 1, 2)]
     correlations = [pair.correlation for pair in found]
@@ -186,7 +178,7 @@ def test_what_is_learned_of_sound_recordings():
         [0.03284762, 0.9881349, 0.1614088],
         [0.07525565, 0.1750798, 0.8587367],
     ]
-    found = lag._related(sample, np.arange(3, 6), np.arange(3), settings.MAX_LAG)
+    found = tracking._related(sample, np.arange(3, 6), np.arange(3), settings.MAX_LAG)
     np.testing.assert_allclose(found, related, rtol=1e-5)  # the largest over the lags
 
 

@@ -56,7 +56,7 @@ def test_a_file_a_frame_and_a_recording_are_checked_alike_and_the_report_is_a_fr
         report.write(tmp_path / "a.txt")
     assert repr(report).startswith("1 recording fault found in 1 of 12 demonstrations")
     assert "  5: y jumps" in repr(report)
-    assert rpil.check(demonstrations(CLEAN)).to_frame("pyarrow").num_rows == 0
+    assert rpil.check(demonstrations(CLEAN)).to_frame().shape[0] == 0
 
 
 def test_a_line_of_many_says_whose_numbers_it_has():

@@ -88,15 +88,6 @@ def test_the_table_is_markdown_and_json(tmp_path):
     assert {type(row["low"]) for row in told["actions"]} == {float}
 
 
-def test_codes_have_no_rows():
-    x, a = recording(4)[0]
-    rows = [
-        pd.DataFrame({"episode": m, "observation.x": x[:, 0], "action": (a[:, 0] > 0).astype(int)}) for m in range(4)
-    ]
-    read = rpil.open(pd.concat(rows))
-    assert set_table(read, rpil.check(read), "FILE").actions == []
-
-
 @pytest.mark.parametrize(("apart", "share"), [(0.0, 0.0), (5.0, 1.0)])
 def test_actions_contradict_where_near_states_have_others(apart, share):
     states = np.tile(np.linspace(0, 50, 40), 2)[None]

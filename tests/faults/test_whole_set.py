@@ -99,17 +99,6 @@ def test_either_sign_of_a_quaternion_is_no_fault(flips, share):
     assert not check(demonstrations(made)).findings
 
 
-@pytest.mark.parametrize("share", [2, 6, N])
-def test_a_spike_in_the_same_column_is_named_in_any_share(share):
-    made = []
-    for m, (x, a) in enumerate(CLEAN):
-        x = x.copy()
-        x[50 + m, 2] += 60 * (m < share)
-        made.append((x, a))
-    found = {one.id for one in check(demonstrations(made)).findings if one.rule == "spike"}
-    assert found == {*range(share)}
-
-
 def test_an_angle_that_rests_where_it_wraps_wraps():
     """Its noise goes to and fro over the place."""
     made = []
@@ -136,9 +125,3 @@ def test_rest_under_changes_of_0_is_idle_whatever_the_hand_holds(n):
         made.append((path + noise, np.c_[change, hand]))
     (*lines,) = check(demonstrations(made)).lines
     assert [(one.rule, len(one.ids)) for one in lines] == [("idle tail", N)] * (n > 0)
-
-
-def test_jumps_of_a_few_that_begin_where_all_end_are_no_rows_of_others():
-    made = [(np.delete(x, slice(30, 50), axis=0), np.delete(a, slice(30, 50), axis=0)) for x, a in CLEAN[:4]]
-    counts = check(demonstrations(made + CLEAN[4:])).counts
-    assert "two episodes" not in counts

@@ -8,7 +8,7 @@ import pytest
 
 import rpil
 import samples
-from hdf5_files import aloha, d4rl, h5py
+from hdf5_files import aloha, h5py
 from rpil import formats
 from rpil.data.errors import DataError
 
@@ -27,15 +27,6 @@ def test_every_file_of_the_folder_is_a_demonstration(tmp_path):
         np.testing.assert_array_equal(demonstrations.actions[-30:], file["action"][:])
     assert about.format == "HDF5, a file for each demonstration"
     assert set(about.ignored) == {"observations/images/top"}
-    assert "simulation" in about.notes[0]
-
-
-def test_a_file_of_several_demonstrations_is_not_read_as_one(tmp_path):
-    d4rl(tmp_path / "walker.hdf5")
-    with pytest.raises(DataError, match=r"walker.hdf5: in a folder each file is one demonstration"):
-        formats.read(tmp_path)
-    d4rl(tmp_path / "walker.hdf5", lengths=(20,), terminal=(0,))
-    assert formats.read(tmp_path).ids == ("walker",)
 
 
 @pytest.fixture
@@ -57,10 +48,7 @@ def test_what_lies_beside_the_arrays_says_task_and_outcome(folder):
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        (
-            {"obs": np.ones((3, 2))},
-            "1/trajectory.npz: in a folder each file is one demonstration",
-        ),
+        ({"obs": np.ones((3, 2))}, "1/trajectory.npz: in a folder each file is one demonstration"),
         ({"actions": np.ones(3), "episode_ids": np.array([0, 0, 1])}, "names several; give the path"),
         ({"actions": np.ones((3, 2)), "obs_state": np.ones((5, 2))}, "'obs_state' has the shape"),
         ({"actions": np.array([{}], dtype=object)}, "'actions' has the shape|nested|type object"),
@@ -92,12 +80,3 @@ def test_the_observation_after_the_last_action_is_kept_with_the_last_demonstrati
     rpil.open(tmp_path / "a.npz").keep(kept, tmp_path / "b.npz")
     with np.load(tmp_path / "b.npz") as found:
         np.testing.assert_array_equal(found["observations"], seen[np.isin([*ids, 2], kept)])
-
-
-def test_what_lies_beside_counts_by_its_name_and_type(folder):
-    for k in range(3):
-        beside = {"instruction": "put", "task_id": 3, "note": "windy", "success": "yes"}
-        (folder / str(k) / "meta.json").write_text(json.dumps(beside))
-    recording = rpil.open(folder)
-    assert {*recording.tasks.values()} == {"put"}
-    assert {*recording.describe().ignored} == {"obs_rgb", "success"}

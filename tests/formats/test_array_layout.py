@@ -88,14 +88,6 @@ def test_the_first_index_may_be_the_time(said, written):
         np.testing.assert_array_equal(moves, SAID[said]["actions"][: LONGER[m], m])
 
 
-def test_one_observation_more_in_the_first_index_says_that_it_is_the_time(tmp_path):
-    arrays = {"observations": np.arange(72.0).reshape(6, 4, 3), "actions": np.ones((5, 4, 2)) * np.arange(2)}
-    np.savez(tmp_path / "time.npz", **arrays)
-    found = rpil.read(tmp_path / "time.npz")
-    assert found.lengths.tolist() == [5] * 4
-    np.testing.assert_array_equal(found.observations[5:10], arrays["observations"][:5, 1])
-
-
 @pytest.fixture(params=[".npz", ".hdf5"])
 def written(request, tmp_path):
     def write(arrays):
@@ -147,11 +139,6 @@ def test_stacked_demonstrations_without_lengths_have_as_many_steps_each(written)
     assert f"Each first index of the arrays is one demonstration of {T} steps." in recording.describe().notes
 
 
-def test_marks_of_single_rows_tell_matrices_from_stacked_demonstrations(written):
-    arrays = {"obs": np.arange(N * 4.0).reshape(N, 2, 2), "actions": MOVES, "dones": IS_LAST}
-    assert rpil.read(written(arrays)).lengths.tolist() == list(LENGTHS)
-
-
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
@@ -161,6 +148,10 @@ def test_marks_of_single_rows_tell_matrices_from_stacked_demonstrations(written)
         (STEPS | {"next_observations": np.ones((N, 2))}, "after 14 of 15 steps.* the order of the steps was lost"),
         (STEPS | {"next_obs": STATES[1:]}, r"next_obs has the shape \(14, 2\) and observations \(15, 2\)"),
         (ROWS | {"lengths": np.array([T, T + 1, 1])}, f"lengths must be 1 to {T} for each of {M} demonstrations"),
+        (
+            ROWS | {"dones": np.eye(M, T) + np.eye(M, T, 2)},
+            "dones end more than one demonstration in the first index 0",
+        ),
     ],
 )
 def test_arrays_that_do_not_fit_together_are_refused(written, arrays, message):
@@ -180,28 +171,6 @@ def test_ids_that_are_none_are_named(written, ids, said):
     with pytest.raises(DataError, match=re.escape(said)) as caught:
         rpil.read(written(arrays))
     assert "damaged" not in str(caught.value)
-
-
-def test_rows_with_a_history_and_ids_that_repeat_are_no_stacks():
-    arrays = {"obs": np.zeros((6, 2, 3)), "actions": np.zeros((6, 2)), "episode_index": np.array([0, 0, 0, 1, 1, 1])}
-    assert not Arrays(arrays, "").is_stacked
-    assert Arrays(arrays | {"episode_index": np.arange(6)}, "").is_stacked
-
-
-def test_several_ends_in_one_first_index_are_refused(written):
-    dones = np.zeros((M, T))
-    dones[1, [2, 4]] = 1
-    path = written({"obs": np.zeros((M, T, 3)), "acts": np.zeros((M, T, 2)), "dones": dones})
-    with pytest.raises(DataError, match=r"dones end more than one demonstration in the first index 1; write each"):
-        rpil.read(path)
-
-
-def test_values_of_demonstrations_are_kept(tmp_path):
-    np.savez(tmp_path / "a.npz", **STEPS, lengths=np.array(LENGTHS), success=np.array([1, 0, 1]))
-    find(tmp_path / "a.npz").keep(tmp_path / "kept.npz", [0, 1])
-    with np.load(tmp_path / "kept.npz") as kept:
-        assert kept["success"][:].tolist() == [1, 0]
-        assert kept["lengths"][:].tolist() == list(LENGTHS[:2])
 
 
 def test_no_timeouts_are_added_where_a_demonstration_terminates(tmp_path):
@@ -225,35 +194,6 @@ def test_a_value_that_is_missing_in_both_is_no_end():
     assert Arrays(arrays, "gap.hdf5").cut().ids.tolist() == [0, 0, 1, 1, 2, 2]
 
 
-@pytest.mark.parametrize("ids", [np.array(["a", "b"], object), np.array([3.0, 4.0])])
-def test_ids_are_texts_of_any_length_or_whole_numbers(tmp_path, ids):
-    with h5py.File(tmp_path / "two.hdf5", "w") as file:
-        file["observations"], file["actions"], file["episode_id"] = np.ones((5, 2)), np.eye(5), np.repeat(ids, [2, 3])
-    assert rpil.read(tmp_path / "two.hdf5").ids == tuple(ids.tolist())
-
-
-def test_a_file_of_no_layout_is_refused_with_what_is_in_it(tmp_path, written):
-    path = written({"q": np.array([1.0, 2.0])})
-    with pytest.raises(
-        DataError, match=r"^steps\.\w+: nothing says where demonstrations begin \(it holds q \(2,\)\); add"
-    ):
-        rpil.read(path)
-    before = [*tmp_path.iterdir()]
-    with pytest.raises(DataError):
-        find(path).keep(path.with_stem("kept"), [0])
-    assert [*tmp_path.iterdir()] == before
-
-
-def test_lengths_say_more_than_a_mask_of_which_index_is_the_time(written):
-    arrays = {
-        "obs": np.zeros((4, 3, 2)),
-        "acts": np.zeros((4, 3, 1)),
-        "mask": np.eye(4, 3) > 0,
-        "lengths": np.ones(4, int),
-    }
-    assert rpil.read(written(arrays)).lengths.tolist() == [1] * 4
-
-
 @pytest.mark.parametrize("asked", [None, "obs", "obs*"])
 def test_numbers_of_an_observation_may_have_names(written, asked):
     arrays = {"obs": STATES, "actions": MOVES, "episode_ids": OWNERS}
@@ -270,10 +210,3 @@ def test_values_of_demonstrations_are_read_where_they_are_named(written):
     assert recording.operators == [("2", "c"), ("1", "a"), ("0", "b")]
     assert recording.describe().ignored["length"] == "not one value for each step"
     assert rpil.open(path).operators == []
-
-
-def test_named_observations_do_not_change_where_demonstrations_end(written):
-    arrays = next(arrays for note, arrays in LAYOUTS if "where next_obs is" in note)
-    found = rpil.read(written(arrays | {"force": STATES[:, :1]}), observations="force")
-    assert found.lengths.tolist() == list(LENGTHS)
-    np.testing.assert_array_equal(found.observations, STATES[:, :1])

@@ -60,24 +60,11 @@ def test_trajectories_are_read_and_frames_are_fitted(problem):
         rpil.read(trajectories, id="episode")
 
 
-def test_frame_of_lists_and_structures():
-    positions = [{"pos": [1.0, 2.0], "on": k % 2 == 0} for k in range(6)]
-    kind = pa.struct([("pos", pa.list_(pa.float64())), ("on", pa.bool_())])
-    columns = {"episode": [0, 0, 0, 1, 1, 1], "obs": pa.array(positions, kind), "action": [0, 1, 0, 1, 0, 1]}
-    table = pa.table(columns)
-    read = rpil.read(table)
-    assert read.observation_names == ("pos.0", "pos.1", "on")
-    assert read.observations[:2].tolist() == [[1, 2, 1], [1, 2, 0]]
-
-
 @pytest.mark.parametrize(
     ("columns", "message"),
     [
         ({"observation.x": [1.0, 2.0], "action": [0, 1]}, "the frame: no column says which demonstration"),
-        (
-            {"episode": [0, 0], "obs_x": [object(), 1], "action": [0, 1]},
-            "the frame: a column holds values",
-        ),
+        ({"episode": [0, 0], "obs_x": [object(), 1], "action": [0, 1]}, "the frame: a column holds values"),
     ],
 )
 def test_faults_of_frames_name_the_frame(columns, message):

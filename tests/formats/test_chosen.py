@@ -47,12 +47,9 @@ def test_ids_and_ranges(read, options, expected):
     assert opened.describe().demonstrations == len(expected)
 
 
-def test_a_range_takes_the_ids_between_its_ends(read):
+def test_a_range_takes_the_ids_between_its_ends_and_an_id_may_look_like_one_or_like_a_list(read):
     assert read(table([1, 30, 4, 20, 9, 10]), only="4-20").demonstrations.ids == (4, 20, 9, 10)
     assert read(table(["01", "30", "4", "20", "9", "x"]), only="01-9").demonstrations.ids == ("01", "4", "9")
-
-
-def test_an_id_may_look_like_a_range_or_a_list(read):
     names = ["1-3", "1", "2", "3", "a,b", "a"]
     assert read(table(names), only="1-3").demonstrations.ids == ("1-3",)
     assert read(table(names), without=["a,b", "1,2"]).demonstrations.ids == ("1-3", "3", "a")
@@ -136,9 +133,3 @@ def test_what_follows_from_the_steps_follows_those_that_are_read(read):
     x = rows["observation.x"].to_numpy()[:T]
     assert read(rows, only="0").describe().ranges["x"] == (x.min(), x.max())
     assert read(rows, only="0,1", outcome="length").facts.outcomes[0].tolist() == [T, T]
-
-
-def test_a_message_names_the_row_of_the_file(read):
-    rows = table(**{"observation.x": pa.array([None if k == 20 else 1.0 for k in range(N * T)], pa.float64())})
-    with pytest.raises(DataError, match="demonstration 2, row 21"):
-        read(rows, without="1").demonstrations.select(slice(None))

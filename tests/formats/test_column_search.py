@@ -7,7 +7,7 @@ import time
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.data.names import quoted
+from rpil.data.text import quoted
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions
 
@@ -56,14 +56,13 @@ def test_what_is_no_observation_unless_it_is_named():
 
 
 def test_every_column_has_a_role_or_a_reason():
-    kinds = {"note": "text", "image": "nested", "k": "counter", "blank": "empty"}
+    kinds = {"note": "text", "image": "nested", "blank": "empty"}
     columns = found([*BASE, "step", "time", *kinds, "reward", "session", "rate"], kinds, exclude="ra*")
     assert columns.observations == ("x", "v")
     assert columns.orders == ("step", "time")
     assert columns.ignored == {
         "note": "text",
         "image": "images or nested values",
-        "k": "number of the row",
         "blank": "no values",
         "reward": "reward, end or verdict",
         "session": "another id",

@@ -7,15 +7,11 @@ import numpy as np
 import pytest
 
 import rpil
-from hdf5_files import aloha, d4rl, h5py, robomimic
+from hdf5_files import aloha, h5py, robomimic
 from rpil import formats
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.formats.containers import open_hdf5
 from rpil.formats.registry import find
-
-
-def test_an_hdf5_file_is_known_by_its_first_bytes(tmp_path):
-    assert formats.read(robomimic(tmp_path / "lift")).ids == ("demo_0", "demo_2", "demo_10")
 
 
 def test_no_other_file_is_opened(tmp_path):
@@ -64,18 +60,6 @@ def test_what_was_not_written_is_refused(tmp_path, how):
         found.arrays["x"][:]
 
 
-def test_arrays_that_are_not_read_may_be_stored_in_any_way(tmp_path):
-    """Of those that are read no value may be missing."""
-    path = d4rl(tmp_path / "x.hdf5")
-    with h5py.File(path, "r+") as file:
-        n = len(file["rewards"])
-        del file["rewards"]
-        file.create_dataset("rewards", (n,), "f4", chunks=(5,))[:5] = 1
-    assert len(rpil.read(path)) == 3
-    with pytest.raises(DataError, match=r"x\.hdf5: rewards .* 1 of its 8 chunks are in"):
-        rpil.read(path, observations="rewards")
-
-
 def test_chunks_that_hold_more_than_they_declare_are_not_decoded(tmp_path):
     path = tmp_path / "x.hdf5"
     with h5py.File(path, "w") as file:
@@ -86,20 +70,6 @@ def test_chunks_that_hold_more_than_they_declare_are_not_decoded(tmp_path):
         array = file.create_dataset("data/demo_1/actions", (10, 3), "f8", **how)
         array.id.write_direct_chunk((0, 0), zlib.compress(bytes(10**7), 1))
     with pytest.raises(DataError, match=r"x\.hdf5: data/demo_1/actions: its chunks hold more than they declare; "):
-        rpil.read(path)
-
-
-def test_rows_that_do_not_fit_in_memory_are_not_allocated(tmp_path, monkeypatch):
-    path = tmp_path / "x.hdf5"
-    with h5py.File(path, "w") as file:
-        array = file.create_dataset("episode_index", (10**8,), "i8", chunks=(10**8,), compression="gzip")
-        array.id.write_direct_chunk((0,), zlib.compress(bytes(10**7), 1))
-        for name in ("observations", "actions"):
-            file.create_dataset(name, (10**8,), "f8")
-    monkeypatch.setattr("rpil.data.memory.free_memory", lambda: 1e9)
-    with pytest.raises(DataError, match=r"x\.hdf5: reading it needs more memory than is free"):
-        rpil.open(path, on_disk=True)
-    with pytest.raises(DataError, match=r"x\.hdf5: to read it would take 1\.6 GB of memory"):
         rpil.read(path)
 
 

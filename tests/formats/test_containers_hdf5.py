@@ -48,22 +48,6 @@ def test_low_dimensional_observations_are_read_in_the_order_of_numbers(tmp_path)
     assert not about.notes
 
 
-def test_states_are_used_and_named_where_there_are_no_observations(tmp_path):
-    recording = formats.read_recording(robomimic(tmp_path / "raw.hdf5", raw=True))
-    assert len(recording.description.observations) == 32
-    assert "dataset_states_to_obs" in recording.description.notes[0]
-    named = formats.read_recording(tmp_path / "raw.hdf5", ColumnOptions(observations="states"))
-    assert not named.description.notes
-
-
-def test_groups_at_the_top_with_one_more_observation(tmp_path):
-    path = robomimic(tmp_path / "skill.h5", ("traj_0", "traj_1"), parent="/", extra=1)
-    recording = formats.read_recording(path)
-    assert recording.demonstrations.ids == ("traj_0", "traj_1")
-    assert recording.demonstrations.lengths.tolist() == [10, 11]
-    assert "obs/gripper" in recording.description.notes[0]
-
-
 @pytest.mark.parametrize("parent", ["data", "/"])
 def test_kept_demonstrations_are_as_they_were_with_all_else_of_the_file(tmp_path, parent):
     path = robomimic(tmp_path / "all.hdf5", parent=parent)
@@ -152,15 +136,6 @@ def test_groups_are_kept_by_their_names_alone(tmp_path):
     path = robomimic(tmp_path / "lift.hdf5")
     with pytest.raises(DataError, match="keep writes no groups by other ids than their names; write the list with"):
         find(path).keep(tmp_path / "kept.hdf5", ["demo_0"], ColumnOptions(id="operator"))
-
-
-def test_of_very_many_groups_arrays_are_opened_seldom(tmp_path, monkeypatch):
-    path = robomimic(tmp_path / "many.hdf5", [f"demo_{k}" for k in range(60)])
-    opened, look_up = [], h5py.h5d.open
-    monkeypatch.setattr(h5py.h5d, "open", lambda *given, **more: opened.append(given[1]) or look_up(*given, **more))
-    formats.read_recording(path).describe()
-    assert opened.count(b"data/demo_7/obs/gripper") == 1
-    assert opened.count(b"data/demo_7/obs/agentview_image") == 0
 
 
 def test_what_is_not_read_is_named(tmp_path):

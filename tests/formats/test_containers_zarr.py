@@ -109,14 +109,6 @@ def test_a_zip_file_is_one_by_its_name(tmp_path):
         rpil.read(damaged)
 
 
-@pytest.mark.parametrize("action", [None, np.arange(11.0)[:, None]])
-def test_chunks_that_are_missing_are_not_made_up(tmp_path, action):
-    path, _ = write_buffer(tmp_path, action=action)
-    (path / "data/action/3.0").unlink()  # steps 9 and 10
-    with pytest.raises(DataError, match=r"data/action: 1 of its 4 chunks are not there; .*write_empty_chunks"):
-        rpil.read(path)
-
-
 def test_names_in_a_zip_file_that_lead_out_of_it_are_not_read(tmp_path):
     folder, _ = write_buffer(tmp_path)
     path = shutil.make_archive(str(folder), "zip", folder)
@@ -139,14 +131,3 @@ def test_groups_within_groups_texts_and_shards_are_read(tmp_path, zarr_format):
     assert recording.description.observations == ("force",)
     np.testing.assert_array_equal(recording.demonstrations.observations, np.arange(11.0)[:, None])
     assert recording.tasks == {"0": "lift", "1": "push", "2": "lift"}
-
-
-def test_umi_has_no_action_and_one_is_named(tmp_path):
-    root = zarr.create_group(tmp_path / "umi.zarr", zarr_format=2)
-    root.create_array("data/robot0_eef_pos", data=np.arange(33.0).reshape(11, 3))
-    root.create_array("data/robot0_gripper_width", data=np.arange(11.0)[:, None])
-    root.create_array("meta/episode_ends", data=ENDS)
-    with pytest.raises(DataError, match=r"umi\.zarr: .*action"):
-        rpil.read(tmp_path / "umi.zarr")
-    found = rpil.read(tmp_path / "umi.zarr", action="robot0_eef_pos", observations="robot0_gripper_width")
-    np.testing.assert_array_equal(found.actions, np.arange(33.0).reshape(11, 3))

@@ -1,7 +1,6 @@
 """Codecs and types that are not on the list are refused, and nothing is decoded with them."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -90,11 +89,3 @@ HEADERS = [
 def test_other_headers_are_refused_in_a_sentence_that_names_the_array(tmp_path, zarr_format, change):
     with pytest.raises(DataError, match=r"^x: data/action.* (its header is damaged, |may run code; ).*\.$"):
         read(tmp_path / "x", zarr_format, change)
-
-
-def test_without_zarr_the_extra_is_named(tmp_path, monkeypatch):
-    root = zarr.create_group(tmp_path / "x", zarr_format=2)
-    root.create_array("meta/episode_ends", data=np.array([4, 11]))
-    monkeypatch.setitem(sys.modules, "zarr.storage", None)
-    with pytest.raises(ImportError, match=r"rpil\[zarr\]"):
-        rpil.read(tmp_path / "x")

@@ -88,24 +88,8 @@ def test_encodings(tmp_path):
                 read_recording(tmp_path / "b.csv", on_disk=on_disk)
 
 
-@pytest.mark.parametrize("name", ["a.tsv", "a.txt", "A.CSV"])
-def test_extensions(tmp_path, name):
-    (tmp_path / name).write_text(text(BASE, "\t"))
-    assert_read(formats.read(tmp_path / name), {})
-
-
-@pytest.mark.parametrize("names", [["a/data", "b/data"], ["run.1", "run.2"], ["a/run", "b/run.1"]])
-def test_files_of_a_folder_are_told_apart_by_their_whole_names(tmp_path, names):
-    for m, name in enumerate(names):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        rows = np.flatnonzero(m == RUN)
-        (tmp_path / f"{name}.csv").write_text(text({n: BASE[n] for n in BASE if n != "episode"}, rows=rows))
-    assert formats.read(tmp_path).ids == tuple(names)
-
-
 @pytest.mark.parametrize(
-    ("columns", "other", "name"),
-    [({n: BASE[n] for n in BASE if n != "episode"}, "a.tsv", "'a'"), (BASE, "b.csv", "0")],
+    ("columns", "other", "name"), [({n: BASE[n] for n in BASE if n != "episode"}, "a.tsv", "'a'"), (BASE, "b.csv", "0")]
 )
 def test_a_demonstration_in_two_files_is_refused(tmp_path, columns, other, name):
     for file in ("a.csv", other):
@@ -125,12 +109,6 @@ def test_episodes_that_each_session_counts_anew_are_refused(tmp_path, session, o
     with pytest.raises(DataError, match=message):
         formats.read(tmp_path / "a.csv")
     assert len(formats.read(tmp_path / "a.csv", id="episode")) == 2
-
-
-@pytest.mark.parametrize("rows", [None, SHUFFLED])
-def test_one_demonstration_may_have_several_tasks(tmp_path, rows):
-    (tmp_path / "a.csv").write_text(text(BASE | {"task": STEP // 5, "session": RUN // 2}, rows=rows))
-    assert_read(formats.read(tmp_path / "a.csv"), {})
 
 
 def test_order_that_is_text_is_said(tmp_path):
@@ -179,16 +157,3 @@ def test_what_cannot_be_read_is_refused_with_the_place_and_the_remedy(tmp_path, 
         formats.read(tmp_path / "a.csv")
     assert str(error.value).startswith("a.csv")
     assert str(error.value).count(". ") == 0
-
-
-@pytest.mark.parametrize("texts", [("1 0", "0 1"), ("left, up", "0.5 up"), ("1.5 s", "v1.2")])
-def test_texts_of_numbers_are_classes(tmp_path, texts):
-    (tmp_path / "a.csv").write_text(text(BASE | {"action": [texts[k % 2] for k in range(M * T)]}))
-    assert read_recording(tmp_path / "a.csv").description.action_reason == "2 different texts"
-
-
-def test_a_field_of_more_than_a_block(tmp_path):
-    note = ["short"] * (M * T)
-    note[7] = "long " * 500_000
-    (tmp_path / "a.csv").write_text(text(with_columns(note=note)))
-    assert_read(formats.read(tmp_path / "a.csv"), {})

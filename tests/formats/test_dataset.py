@@ -1,4 +1,4 @@
-"""Demonstrations on disk are those in memory, block by block."""
+"""Columns that are chosen by their names, in memory and on disk, and files of a folder that do not fit together."""
 
 from __future__ import annotations
 
@@ -11,15 +11,10 @@ import pyarrow.parquet as pq
 import pytest
 
 import rpil
-from problems import refused
 from recorded import demonstrations, write_files, written
-from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
 from rpil.formats.table import part_names
-from samples import assert_same
-
-BLOCK_STEPS = 700
 
 
 @pytest.fixture(autouse=True)
@@ -28,42 +23,16 @@ def small_batches(monkeypatch):
     monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 130)
 
 
-CASES = {
-    "discrete": (demonstrations, lambda t: t),
-    "continuous": (lambda: demonstrations(continuous=True), lambda t: t),
-    "text actions": (
-        demonstrations,
-        lambda t: t.set_column(
-            t.column_names.index("action"), "action", pa.array([f"a{a}" for a in t["action"].to_pylist()])
-        ),
-    ),
-}
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_blocks_and_selections_are_those_in_memory(tmp_path, case):
-    made, change = CASES[case]
-    table = change(flat.from_demonstrations(made(), {}))
-    pq.write_table(table, tmp_path / "whole.parquet")
-    memory = formats.read(tmp_path / "whole.parquet")
-    data = rpil.open(
-        write_files(table, tmp_path / "many" / "data" / "chunk-000").parents[1], on_disk=True
-    ).demonstrations
-    assert (data.n_steps, len(data), data.n_observations) == (memory.n_steps, len(memory), memory.n_observations)
-    assert data.is_discrete == memory.is_discrete
-    np.testing.assert_array_equal(data.lengths, memory.lengths)
-    assert_same(data.select(slice(None)), memory)
-    some = [100, 3, 4, 50, 119, 0]
-    assert_same(data.select(some), memory.select(some))
-    for n_shards in (1, 3, 1000):
-        shards, wanted = data.shards(n_shards, BLOCK_STEPS), memory.shards(n_shards, BLOCK_STEPS)
-        assert [len(list(shard)) for shard in shards] == [len(shard) for shard in wanted]
-        for ours, theirs in zip(chain(*shards), chain(*wanted), strict=True):
-            assert ours.first == theirs.first
-            for name in ("observations", "actions", "offsets"):
-                np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
-                assert getattr(ours, name).dtype == getattr(theirs, name).dtype
-    assert data.nbytes == memory.observations.nbytes + memory.actions.nbytes
+@pytest.mark.parametrize("continuous", [False, True])
+def test_blocks_of_shards_that_are_sent_are_those_in_memory(tmp_path, continuous):
+    data = rpil.open(written(tmp_path, continuous=continuous), on_disk=True).demonstrations
+    sent = [pickle.dumps(shard) for shard in data.shards(4, 700)]
+    assert max(map(len, sent)) < 4000
+    blocks = chain(*map(pickle.loads, sent))
+    for ours, theirs in zip(blocks, chain(*demonstrations(continuous).shards(4, 700)), strict=True):
+        assert ours.first == theirs.first
+        for name in ("observations", "actions", "offsets"):
+            np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
 
 
 def test_files_with_other_columns_or_of_another_kind_are_refused(tmp_path):
@@ -84,15 +53,6 @@ def test_files_with_other_columns_or_of_another_kind_are_refused(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(DataError, match=r"no \.parquet or \.csv file is there"):
         rpil.open(tmp_path / "empty", on_disk=True)
-
-
-def test_a_shard_can_be_pickled(tmp_path):
-    data = rpil.open(written(tmp_path), on_disk=True, without=5).demonstrations  # whose rows have other numbers
-    shard = data.shards(4, BLOCK_STEPS)[2]
-    sent = pickle.dumps(shard)
-    assert len(sent) < 4000
-    for ours, theirs in zip(pickle.loads(sent), shard, strict=True):  # noqa: S301
-        np.testing.assert_array_equal(ours.observations, theirs.observations)
 
 
 NUMBERS = np.random.default_rng(0).normal(size=(40, 10))
@@ -140,21 +100,6 @@ def test_every_name_that_is_printed_can_be_named(tmp_path, options, read, on_dis
     left_out = {name for name in EVERY if name not in read and "." in name}
     ignored = {name.removeprefix("observation.") for name in found.describe().ignored}
     assert all(name in ignored or name.split(".")[0] in ignored for name in left_out)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"exclude": "arm.9"}, "a.parquet: no column is called 'arm.9'"),
-        ({"observations": "colour"}, "no column is called 'colour'; correct observations"),
-        ({"action": "arms.1"}, "no column is called 'arms.1'; correct action"),
-        ({"exclude": "actions.*"}, "no column holds the action"),
-        ({"exclude": "arm.*,z"}, "no column holds observations"),
-    ],
-)
-def test_names_of_nothing_are_refused(tmp_path, options, message):
-    with refused(message):
-        recorded(tmp_path, False, **options)
 
 
 def test_what_is_missing_in_numbers_that_are_not_read_is_no_fault():

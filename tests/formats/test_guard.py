@@ -53,18 +53,6 @@ def test_formats_that_fail_to_tell_are_not_asked_to_read(tmp_path, monkeypatch):
     assert len(rpil.read(path)) == 3
 
 
-def test_formats_that_fail_otherwise_are_one_sentence(tmp_path, monkeypatch):
-    def fail(*_):
-        raise OverflowError("never seen before")
-
-    Path("mine").write_text("x")
-    own = Format("mine", lambda path: path.name == "mine", fail, fail)
-    monkeypatch.setattr(registry, "FORMATS", (own,))
-    for use in (lambda: find("mine").keep("out", [0]), lambda: rpil.read("mine")):
-        with pytest.raises(DataError, match=r"^mine: .*OverflowError: never seen before.*;.*[.]$"):
-            use()
-
-
 @pytest.mark.parametrize("n_batches", [0, 1])
 def test_row_groups_without_all_their_rows(monkeypatch, n_batches):
     """A damaged footer can tell of more rows than its pages hold."""

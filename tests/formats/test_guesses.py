@@ -8,7 +8,7 @@ import pyarrow.csv
 import pytest
 
 import rpil
-from command_line import call, ok, refused
+from command_line import call, refused
 from rpil.data.errors import DataError
 
 STEPS = 25
@@ -77,26 +77,3 @@ def test_an_id_that_makes_no_demonstrations_is_a_question(column, values, said, 
     done = call("info", drive, "--id", column)
     assert done.exit_code == 2
     assert said.replace("clock", "time") in done.stderr
-
-
-def test_many_demonstrations_of_one_step_are_read_by_their_names(drive):
-    pa.csv.write_csv(drives().append_column("episode", [np.arange(300)]), drive)
-    assert "Each demonstration has one step" in ok("info", drive, "--action", "steer").stdout
-
-
-def test_one_id_in_all_rows_is_named(drive):
-    pa.csv.write_csv(drives(1), drive)
-    refused("all steps are of demonstration 't0', and one demonstration alone", "audit", drive, "--action", "steer")
-
-
-def test_an_operator_that_was_found_is_in_the_next_command(drive):
-    pa.csv.write_csv(drives().append_column("driver", [np.arange(300) // 150]), drive)
-    assert ok("info", drive, "--action", "steer").stdout.endswith(" --action steer --operator driver\n")
-
-
-def test_ids_of_many_digits_are_told_apart(drive):
-    ids = [f"12345678901234567890123{m:03d}" for m in np.arange(12)]
-    pa.csv.write_csv(drives(trip=np.repeat(ids, STEPS)), drive)
-    for words in ((), ("--id", "trip", "--action", "steer,brake_pressure")):
-        assert "12 demonstrations" in ok("info", drive, *words).stdout
-    assert rpil.read(drive, id="trip", action=["steer", "brake_pressure"]).ids == tuple(ids)

@@ -11,7 +11,7 @@ import rpil
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.formats import ColumnOptions
+from rpil.formats.columns import ColumnOptions
 from rpil.formats.registry import find
 from samples import assert_same
 

@@ -13,7 +13,8 @@ import pytest
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.formats import ColumnOptions, read_recording, write_weights
+from rpil.formats import read_recording, write_weights
+from rpil.formats.columns import ColumnOptions
 
 M, T = 6, 30
 N = M * T
@@ -62,17 +63,6 @@ def test_description_of_a_data_set_of_lerobot(folder, on_disk):
     json.dumps(said.to_dict())
 
 
-@pytest.mark.parametrize("on_disk", [False, True])
-@pytest.mark.parametrize(("name", "value"), [("fps", "thirty"), ("fps", 10**400), ("fps", -1), ("features", 3)])
-def test_values_of_metadata_that_cannot_be_used_are_left_out(folder, name, value, on_disk):
-    path = folder / "meta" / "info.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {name: value}))
-    said = read_recording(folder, on_disk=on_disk).description
-    assert (said.format, said.tasks) == ("LeRobot v3.0", ("push",))
-    assert (said.fps == 20.0) == (name != "fps")
-    assert ("state.hip.pos" in said.observations) == (name != "features")
-
-
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
 def test_rows_are_sorted_by_their_column_and_weights_find_them(tmp_path, suffix):
     table = TABLE.drop_columns(["observation.image", "observation.state"]).append_column(
@@ -91,16 +81,6 @@ def test_rows_are_sorted_by_their_column_and_weights_find_them(tmp_path, suffix)
     x_of_index = dict(zip(weights["index"].to_pylist(), d.observations[:, 0].tolist(), strict=True))
     assert x_of_index == dict(zip(range(N), STATE[:, 0].tolist(), strict=True))
     assert weights["frame_index"].to_pylist() == weights["step_index"].to_pylist()
-
-
-def test_a_file_that_numbers_steps_from_1_is_joined_by_its_own_numbers(tmp_path):
-    table = {"episode": [1, 1, 2], "step_index": [2, 1, 1], "x": [0.5, 0.25, 0.125], "action": [0, 1, 1]}
-    pq.write_table(pa.table(table), tmp_path / "a.parquet")
-    recording = read_recording(tmp_path / "a.parquet")
-    d = recording.demonstrations
-    assert d.observations[:, 0].tolist() == [0.25, 0.5, 0.125]
-    write_weights(tmp_path / "w.csv", d.ids, d.offsets, np.zeros(3), np.zeros(2), np.zeros(2), recording.step_columns)
-    assert pa.csv.read_csv(tmp_path / "w.csv")["step_index"].to_pylist() == [1, 2, 1]
 
 
 def test_a_column_that_repeats_values_is_no_order(tmp_path):

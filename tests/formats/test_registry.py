@@ -1,33 +1,9 @@
 import pytest
 
 import rpil
-from rpil import formats
-from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.formats import registry
-from rpil.formats.format import Format
-from rpil.formats.recording import from_demonstrations
 from rpil.formats.registry import find
 from samples import assert_same_on_disk, lerobot
-
-
-def test_a_layout_comes_before_the_extension(tmp_path, monkeypatch):
-    kept, toy = [], Demonstrations.from_episodes([([[1.0], [2.0]], [0, 1])])
-    own = Format(
-        "mine",
-        claims=lambda path: path.read_text() == "mine",
-        read=lambda path, options: from_demonstrations(toy, "mine"),
-        keep=lambda path, output, ids, options: kept.append((path, ids)) or output.touch(),
-    )
-    monkeypatch.setattr(registry, "FORMATS", [own, *registry.FORMATS])
-    mine, other = tmp_path / "mine.csv", tmp_path / "other.csv"
-    mine.write_text("mine")
-    other.write_text("episode_index,action,observation.x\n0,a,1\n")
-    assert formats.read_recording(mine).description.format == "mine"
-    find(mine).keep(tmp_path / "out.csv", [0])
-    assert kept == [(mine, {"0"})]
-    assert (tmp_path / "out.csv").exists()
-    assert rpil.read(other).ids == (0,)
 
 
 @pytest.mark.parametrize("name", ["out.csv", "out.hdf5", "out.zip"])
@@ -46,6 +22,12 @@ def test_addresses_are_not_read_and_their_secrets_not_shown(address):
         DataError, match=rf"^{address.partition('://')[0]}://\.\.\.: addresses are not read; download the"
     ):
         find(address)
+
+
+def test_ids_that_are_kept_are_those_of_the_file(tmp_path):
+    (tmp_path / "a.csv").write_text("episode,x,action\n" + "".join(f"{m},0.5,1\n" for m in "ab"))
+    find(tmp_path / "a.csv").keep(tmp_path / "b.csv", ["b"])
+    assert rpil.read(tmp_path / "b.csv").ids == ("b",)
 
 
 PACKAGE = """

@@ -113,6 +113,7 @@ LIST = {"action": np.stack([BUTTON, DIAL], 1).tolist()}
     ("parts", "options", "classes"),
     [
         ({"action.dial": DIAL, "action.skill": SKILL}, {"action": "action.skill"}, ["go", "stop"]),
+        ({"action.skill": SKILL}, {}, ["go", "stop"]),
         ({"action.b": BUTTON, "action.dial": DIAL}, {"action": "action.b"}, [0, 1, 2]),
         (LIST, {"action": "action.0", "action_kind": "discrete"}, [0, 1, 2]),
         ({"action": BUTTON[:, None].astype(float).tolist()}, {"action_kind": "discrete"}, [0, 1, 2]),
@@ -124,23 +125,8 @@ def test_a_part_that_is_named_may_be_discrete(parts, options, classes):
     assert found.actions.tolist() == (SKILL if classes[0] == "go" else BUTTON).tolist()
 
 
-def test_a_part_of_a_list_that_is_not_whole_cannot_be_discrete():
-    with pytest.raises(DataError, match="not whole, which cannot be discrete"):
-        len(opened(LIST, action="action.1", action_kind="discrete").demonstrations)
-
-
-def test_one_text_with_the_prefix_of_an_action_is_the_action():
-    assert opened({"action.skill": SKILL}).demonstrations.classes.tolist() == ["go", "stop"]
-
-
-def test_many_texts_are_no_classes():
-    words = np.where(np.arange(STEPS) % 2 > 0, SKILL, [f"remark {k}" for k in range(STEPS)])
-    recording = opened({"action": words, "action.dial": DIAL}, action="action")
-    assert recording.describe().action_kind == "refused"
-    with pytest.raises(DataError, match=r"the action takes 62 different texts in 120 steps, too many to compare; name"):
-        len(recording.demonstrations)
-
-
-def test_a_text_cannot_be_a_number():
+def test_a_text_cannot_be_a_number_nor_a_number_that_is_not_whole_a_class():
     with pytest.raises(DataError, match="the actions are text, which cannot be continuous"):
         opened({"action.skill": SKILL}, action_kind="continuous").demonstrations.select(0)
+    with pytest.raises(DataError, match="not whole, which cannot be discrete"):
+        len(opened(LIST, action="action.1", action_kind="discrete").demonstrations)

@@ -58,18 +58,6 @@ def test_round_trip(tmp_path, suffix, dtype, changes):
     assert os.listdir(tmp_path) == [path.name]
 
 
-def test_layout_of_the_table(tmp_path):
-    formats.write(tmp_path / "x.parquet", demonstrations(ids=[4, 9]), truth={"is_good": [1, 0]})
-    table = pq.read_table(tmp_path / "x.parquet")
-    names = ["episode_index", "step_index", "observation.0", "observation.1", "action", "is_good"]
-    assert table.column_names == names
-    assert table["episode_index"].to_pylist() == [4, 4, 9, 9, 9]
-    assert table["step_index"].to_pylist() == [0, 1, 0, 1, 2]
-    assert table["is_good"].to_pylist() == [1, 1, 0, 0, 0]
-    formats.write(tmp_path / "x.csv", demonstrations(ids=[4, 9]))
-    assert pa.csv.read_csv(tmp_path / "x.csv").column_names == names[:-1]
-
-
 def write_table(path, **columns):
     table = columns.pop("table", None) or pa.table(columns)
     (pq.write_table if path.suffix == ".parquet" else pa.csv.write_csv)(table, path)
@@ -168,14 +156,6 @@ def test_bad_parquet_tables(tmp_path, changes, match):
     refused_file(match, formats.read, write_table(tmp_path / "x.parquet", **columns(**changes)))
 
 
-def test_unknown_extensions(tmp_path):
-    path = tmp_path / "x.docx"
-    path.write_text("x")
-    for call in (formats.read, lambda path: formats.write(path, demonstrations())):
-        refused_file("'.docx'; use one of .parquet, .csv, .npz", call, path)
-    refused_file("there is no such file or folder; perhaps it is .*x.docx", formats.read, tmp_path / "x.doc")
-
-
 def npz(path, **changes):
     arrays = {"observations": np.ones((3, 2)), "actions": [0, 1, 0], "episode_ids": [0, 0, 1], "rewards": [1, 2, 3]}
     np.savez(path, **{name: values for name, values in (arrays | changes).items() if values is not None})
@@ -186,15 +166,9 @@ def npz(path, **changes):
     ("changes", "match"),
     [
         ({"actions": np.array([0, 1, None], dtype=object)}, "never unpickled .* numpy.asarray"),
-        (
-            {"episode_ids": None},
-            "nothing says where demonstrations begin .* or one called episode_index",
-        ),
+        ({"episode_ids": None}, "nothing says where demonstrations begin .* or one called episode_index"),
         ({"actions": [0, 1]}, r"episode_ids has the shape \(3,\) for 2 actions; give one id for each"),
-        (
-            {"actions": None},
-            "no column holds the action: name it action, .*'episode_ids', 'rewards'",
-        ),
+        ({"actions": None}, "no column holds the action: name it action, .*'episode_ids', 'rewards'"),
     ],
 )
 def test_bad_npz(tmp_path, changes, match):

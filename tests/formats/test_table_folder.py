@@ -39,17 +39,6 @@ def test_a_folder_of_minari_is_refused_with_the_way_to_go(tmp_path, given, file)
         formats.read_recording(tmp_path / given)
 
 
-def test_a_packed_table_beside_others_is_refused(tmp_path):
-    for name in ("a", "b"):
-        (tmp_path / f"{name}.csv").write_text("step,x,action\n" + "".join(f"{k},{k * k},{k % 2}\n" for k in range(6)))
-    (tmp_path / "README.txt.gz").write_bytes(b"x")
-    assert formats.read_recording(tmp_path).ids == ("a", "b")
-    (tmp_path / "more").mkdir()
-    (tmp_path / "more" / "c.tsv.gz").write_bytes(b"x")
-    with pytest.raises(DataError, match=r"a packed table \(c.tsv.gz\) is never opened; unpack it with gunzip"):
-        formats.read_recording(tmp_path)
-
-
 def test_a_folder_of_lerobot_within_is_named(tmp_path):
     lerobot(tmp_path / "sets" / "me")
     for folder in (tmp_path / "sets", tmp_path / "sets" / "me"):

@@ -1,8 +1,6 @@
-"""The weights file holds one row for each step, written block by block; and columns as a file of each kind."""
+"""The weights file holds one row for each step, written block by block."""
 
 from __future__ import annotations
-
-import json
 
 import numpy as np
 import pyarrow as pa
@@ -11,9 +9,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from recorded import demonstrations
+from rpil.data.copies import run_id
 from rpil.data.errors import DataError
-from rpil.data.run import run_id
-from rpil.formats import EXTENSIONS, write_columns, write_weights
+from rpil.formats import write_weights
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
@@ -50,18 +48,3 @@ def test_weights_are_written_in_blocks(tmp_path, monkeypatch):
     np.testing.assert_array_equal(table["episode_index"].to_numpy(), np.repeat(data.ids, data.lengths))
     starts = np.repeat(data.offsets[:-1], data.lengths)
     np.testing.assert_array_equal(table["step_index"].to_numpy(), np.arange(data.n_steps) - starts)
-
-
-COLUMNS = {"id": ["a", "b"], "value": [1.5, np.inf]}
-
-
-def test_every_kind_holds_the_columns(tmp_path):
-    for extension in EXTENSIONS:
-        write_columns(tmp_path / f"a{extension}", COLUMNS, "columns", {"run": "one"})
-    assert (tmp_path / "a.csv").read_text().splitlines()[:2] == ['"id","value"', '"a",1.5']
-    table = pq.read_table(tmp_path / "a.parquet")
-    assert table.to_pydict() == COLUMNS
-    assert table.schema.metadata[b"run"] == b"one"
-    assert json.loads((tmp_path / "a.json").read_text()) == [{"id": "a", "value": 1.5}, {"id": "b", "value": None}]
-    with pytest.raises(DataError, match=r"columns"):
-        write_columns(tmp_path / "a.txt", COLUMNS, "columns")

@@ -288,21 +288,6 @@ def test_a_copy_confirms_nothing():
         assert found.count == 1
 
 
-def test_copies_that_are_labelled_are_named_and_others_are_not():
-    found = about_copies([-1, -1, -1, 0, 0, 0, 0, 0, 1, 1, 1, 0, -1, -1, 0])
-    assert found.contradicting.tolist() == [12, 13]
-    assert found.verdicts[[11, 12, 13]].tolist() == [-1, -1, -1]
-
-
-def test_the_outcome_of_copies_is_their_mean_and_a_label_of_one_goes_first():
-    outcome = [0.0, NAN, 2.0, NAN, NAN, 5.0, NAN, NAN, 7.0, NAN, NAN, 6.0, 8.0, NAN, 2.0]
-    once = [1.0, *outcome[1:11], 7.0]
-    expected = judged(answers_of(outcome=once))
-    np.testing.assert_array_equal(about_copies(outcome=outcome).log_odds, expected.log_odds[EVERY])
-    expected = judged(answers_of([1] + [0] * 11, outcome=once))
-    np.testing.assert_array_equal(about_copies([0] * 14 + [1], outcome=outcome).log_odds, expected.log_odds[EVERY])
-
-
 # Pairs without a difference.
 COLUMN = np.linspace(-2, 2, 9)[:, None]
 

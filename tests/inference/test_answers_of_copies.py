@@ -20,16 +20,13 @@ def test_copies_with_labels_that_contradict_each_other_are_refused_in_one_senten
     assert str(error.value) == "f.csv: 'd' is labelled good and 'b', a copy of it, bad; change one of the labels."
 
 
-def test_copies_share_a_label_and_an_outcome():
+def test_copies_share_a_label_and_the_mean_of_outcomes_which_is_a_flag_where_each_is():
     known = answers_of([0, 0, 1, 0], outcome=[[NAN, 1.0, NAN, 2.0], [3.0, NAN, NAN, NAN]])
     shared = known.shared(np.array([0, 1, 0, 1]))
     assert shared.labels.tolist() == [1, 0, 1, 0]
     np.testing.assert_array_equal(shared.outcomes.T, [[NAN, 1.0, NAN, 2.0], [3.0, NAN, 3.0, NAN]])
     of_three = known.shared(np.array([1, 1, 2, 1]))
     assert of_three.outcomes[0, 0] == 1.5, "the mean of its copies where its own is unknown"
-
-
-def test_flags_and_returns_of_copies_are_their_means_and_a_flag_where_each_is():
     copy_of = np.array([0, 1, 2, 3, 0])
     for last, mean in ((1, 1), (0, 0.5)):
         once = answers_of(m=5, outcome=[1, 0, 0, 1, last]).once(copy_of)

@@ -146,9 +146,3 @@ def test_components_are_those_of_the_summaries_by_hand(size, most):
         by_hand = (left * sizes * sign)[:, :count] * np.sqrt(size) / sizes[0]
         np.testing.assert_allclose(found, by_hand, atol=1e-9)
     assert components(0 * summaries(data, actions), SETTINGS).shape == (size, 0)
-
-
-def test_components_of_columns_that_repeat_one_another_are_the_same_bits():
-    values = np.repeat(np.random.default_rng(0).normal(size=(60, 3)), 5, axis=1)
-    first, second = (components(values.copy(), SETTINGS) for _ in range(2))
-    np.testing.assert_array_equal(first, second)

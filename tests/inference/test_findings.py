@@ -7,12 +7,9 @@ from typing import get_args
 from rpil.inference.findings import DECIDED, FINDINGS, Finding
 
 
-def test_each_finding_is_explained():
+def test_each_finding_is_explained_in_one_sentence_that_accuses_nobody():
     assert set(get_args(Finding)) == FINDINGS.keys()
     assert set(DECIDED) < FINDINGS.keys()
-
-
-def test_a_finding_is_one_sentence_that_accuses_nobody():
     for finding, sentence in FINDINGS.items():
         assert sentence.endswith(".")
         assert sentence.count(". ") == 0

@@ -73,17 +73,6 @@ def test_ridge_log_probabilities_are_those_of_scikit_learn_on_the_other_folds():
     np.testing.assert_allclose(scored, student_log_densities(errors, scale, ErrorSettings()).sum(axis=1), atol=1e-6)
 
 
-def test_reference_does_not_depend_on_the_state():
-    problem = fit_data_of(make("random", 0))
-    everyone = np.ones(problem.n_demonstrations, dtype=bool)
-    shuffled = replace(problem, features=problem.features[::-1])
-    log_q = log_reference(problem, everyone, HeldOutSettings())
-    np.testing.assert_array_equal(log_q, log_reference(shuffled, everyone, HeldOutSettings()))
-    for action in range(problem.space.n):
-        share = (problem.actions == action).mean()
-        assert np.exp(log_q[problem.actions == action]).mean() == pytest.approx(share, abs=0.01)
-
-
 @pytest.mark.parametrize("maker", [make, make_continuous])
 def test_folds_follow_from_the_demonstrations_and_few_are_folds_of_their_own(maker):
     problem = fit_data_of(maker("noisy", 0, steps=STEPS))

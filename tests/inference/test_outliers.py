@@ -57,12 +57,9 @@ def test_far_below_is_by_robust_deviations_where_two_groups_explain_more_than_on
     assert below([0.8, 0.9, 1.0, 1.1, 1.2, 0.9, 1.1, -0.28, -0.28], 0.51) == []  # -3.98
 
 
-def test_members_of_a_lower_group_are_below_where_it_is_certain_and_lies_apart():
+def test_members_of_a_lower_group_are_below_where_it_is_certain_and_lies_apart_and_the_limits_are_enough():
     for p_two, deviation, members in ((0.991, 0.33, [6, 7, 8]), (0.989, 0.33, []), (0.991, 0.34, [])):
         assert below(SCORE, p_two, deviation=deviation) == members
-
-
-def test_the_limits_of_a_lower_group_are_enough():
     _, scores = scored(deviation=0.3)
     at = {"min_p_two": scores.groups.p_two, "min_distance": scores.groups.distance}
     at["min_proba"] = float(expit(-scores.log_odds[8])) - 1e-9
@@ -86,10 +83,7 @@ def test_those_without_a_policy_of_their_own_are_outliers(upper, own, is_noise):
     finding = "outliers" if is_noise else "a group apart"
     assert said(upper=upper, own=own) == (finding, [6, 7, 8])
     assert said(upper=upper, own=own, discrete=True) == (finding, [6, 7, 8])
-
-
-def test_the_limit_of_the_own_gain_is_an_outlier():
-    assert said(upper=1.0, own=0.5, max_own_gain=0.5)[0] == "outliers"
+    assert said(upper=1.0, own=0.5, max_own_gain=0.5)[0] == "outliers", "at the limit"
 
 
 @pytest.mark.parametrize("n_lower", [2, 3, 4, 6])

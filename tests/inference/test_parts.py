@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from problems import fit_data_of, make_continuous
-from rpil import RPIL
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
 from rpil.inference.held_out import held_out_model, log_reference
@@ -66,6 +65,7 @@ def test_actions_are_scaled_by_their_motion_within_demonstrations():
     levels = np.repeat(100.0 * np.arange(10), 40) + moving(size=2.0)
     scale = ActionScale.of(data_of(levels[:, None]))
     assert scale.spread == pytest.approx(2.0, rel=0.1)
+    np.testing.assert_allclose(scale.back(scale(levels[:, None])), levels[:, None])
 
 
 def test_one_wild_demonstration_changes_no_scale_and_is_cut_off():
@@ -90,12 +90,3 @@ def test_what_rests_changes_neither_scores_nor_reference():
         model = replace(model, data=data)
         gains.append(model.evaluate(np.ones(n), 1e-2) - log_reference(data, everyone, settings))
     np.testing.assert_allclose(*gains, atol=1e-9)
-
-
-def test_a_part_that_moves_in_a_few_demonstrations_alone_tells_them_from_the_others():
-    toy = make_continuous("none", 0, n_good=40, n_bad=0, steps=(40, 60))
-    part, few = np.zeros((len(toy.actions), 1)), np.arange(32, 40)
-    for begin in toy.offsets[few]:
-        part[begin : begin + 8] = 1.0
-    found = RPIL().fit(toy.observations, np.hstack([toy.actions, part]), toy.groups)
-    assert set(np.argsort(found.log_odds_)[:8]) == set(few)

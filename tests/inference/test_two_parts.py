@@ -267,21 +267,3 @@ def test_parts_of_plain_worlds(maker, kind, n_good, n_bad, good, bad):
     found = parts_of(fit_data_of(toy))
     turned = np.sign(found[0] * good) if abs(good) == 0.5 else 1  # of a tie either part is the first
     np.testing.assert_array_equal(found * turned, np.where(toy.is_good, good, bad))
-
-
-def test_fewer_steps_and_another_order_of_demonstrations_change_no_part():
-    toy = make("flipped", 0, n_good=9, n_bad=5, steps=(40, 60))
-    data = fit_data_of(toy)
-    expected = np.where(toy.is_good, 1, -1)
-    thin = replace(JudgeSettings(), parts=replace(SETTINGS, max_steps=350))
-    assert len(thinned(data, 350).actions) < 360
-    np.testing.assert_array_equal(parts_of(data, thin), expected)
-    order = np.random.default_rng(0).permutation(14)
-    rows = np.concatenate([np.arange(*data.offsets[m : m + 2]) for m in order])
-    other = replace(
-        data,
-        features=data.features[rows],
-        actions=data.actions[rows],
-        offsets=np.append(0, np.cumsum(data.lengths[order])),
-    )
-    np.testing.assert_array_equal(parts_of(other), expected[order])

@@ -178,11 +178,6 @@ def world(*right, m=80, n_labels=30, seed=0):
     return np.column_stack([np.ones(m), columns]), labels, 0, flags
 
 
-def test_without_witnesses_there_is_no_evidence():
-    found = weigh(*MIXED, np.empty((14, 0)), SETTINGS)
-    assert (found.evidence.shape, found.confirmed.shape, found.sign.shape) == ((14, 0), (0,), (0,))
-
-
 @pytest.mark.parametrize(("right", "sign"), [(0.85, 1), (0.15, -1), (0.5, 0)])
 def test_answers_confirm_a_planted_witness_or_turn_it_and_a_coin_counts_for_nothing(right, sign):
     rows, labels, n_pairs, flags = world(right, m=600, n_labels=500)

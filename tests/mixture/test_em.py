@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -12,7 +10,7 @@ from scipy.special import log_softmax
 from problems import Toy, continuous_zoo, make, make_continuous, pooled_state, ridge, zoo
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.mixture.adversaries.discrete import Complement, Uniform
+from rpil.mixture.adversaries.discrete import Complement
 from rpil.mixture.adversaries.named import ADVERSARIES, adversary
 from rpil.mixture.em import State, e_step, lower_bound, m_step, run_em
 from rpil.mixture.expert_prior import ExpertPrior
@@ -97,21 +95,9 @@ def test_objective_never_falls(kind, which):
     toy = make("noisy", 0) if kind == "discrete" else make_continuous("window", 0)
     problems |= {"landmarks": toy.problem("nystroem")}
     for name, problem in problems.items():
-        history = run_em(problem, pooled_state(problem, which), MixtureSettings(max_iter=12, tol=0.0)).history
+        history = run_em(problem, pooled_state(problem, which), MixtureSettings(max_iter=8, tol=0.0)).history
         assert np.isfinite(history).all(), name
         assert np.diff(history).min() >= -(1e-10 if kind == "discrete" else 1e-9) * np.abs(history).max(), name
-
-
-def test_single_precision_gives_the_same_fit_up_to_rounding():
-    double = ZOO["random"].problem("nystroem")
-    single = replace(double, features=double.features.astype(np.float32))
-    histories = [
-        run_em(problem, pooled_state(double, "confusion"), MixtureSettings(max_iter=8, tol=0.0)).history
-        for problem in (double, single)
-    ]
-    scale = np.abs(histories[0]).max()
-    assert np.diff(histories[1]).min() >= -1e-6 * scale
-    assert abs(histories[1][0] - histories[0][0]) <= 1e-5 * scale
 
 
 @pytest.mark.parametrize("which", ["marginal", "normalised complement", "confusion"])
@@ -154,25 +140,9 @@ def test_m_step_uses_soft_targets_or_the_experts_term_alone():
     posterior = e_step(problem, state, state.policy.outputs(problem.features))
     r, taken = problem.per_step(posterior.expert), np.eye(3)[problem.actions]
     q = state.adversary.intended_action_proba(posterior.outputs, problem.actions)
-    for mode, targets in (
-        ("joint", r[:, None] * taken + (1 - r)[:, None] * q),
-        ("expert_only", r[:, None] * taken),
-    ):
+    for mode, targets in (("joint", r[:, None] * taken + (1 - r)[:, None] * q), ("expert_only", r[:, None] * taken)):
         new, log_proba = m_step(problem, state, posterior, MixtureSettings(m_step=mode, newton_iter=100, cg_iter=100))
         best, _ = SoftmaxPolicy.zero(3, ridge(problem)).fit(problem, np.zeros(len(taken)), targets, tol=1e-10)
         np.testing.assert_allclose(log_proba, best.outputs(problem.features), atol=1e-3)
         np.testing.assert_allclose(log_proba, new.policy.outputs(problem.features), atol=1e-9)
         assert new.prior.p == pytest.approx((posterior.expert.sum() + 1) / (4 + 2))
-
-
-def test_em_recovers_true_parameters():
-    """Enough data from the model itself: the policy and the prior come back."""
-    toy = make("random", 0, n_good=60, n_bad=20, steps=(100, 100), sharpness=2.0)
-    problem = toy.problem()
-    result = run_em(problem, pooled_state(problem, "uniform"), MixtureSettings(max_iter=200, tol=1e-4))
-    truth = log_softmax(toy.observations @ toy.weights[:-1] + toy.weights[-1], axis=1)
-    found = result.posterior.outputs
-    assert (np.exp(truth) * (truth - found)).sum(axis=1).mean() < 0.01  # Kullback-Leibler, nats
-    assert result.state.prior.p == pytest.approx(0.75, abs=0.05)
-    assert isinstance(result.state.adversary, Uniform)
-    assert ((result.posterior.log_odds > 0) == toy.is_good).all()

@@ -9,8 +9,7 @@ import pytest
 
 from problems import Toy, make, ridge
 from rpil.data.fit_data import FitData
-from rpil.estimators.pipeline import judged_starts
-from rpil.estimators.settings import Settings
+from rpil.estimators.pipeline import Settings, judged_starts
 from rpil.mixture.search import SearchSettings, fit_mixture, starts
 from rpil.mixture.settings import MixtureSettings
 from rpil.policies.softmax import SoftmaxPolicy
@@ -73,27 +72,3 @@ def test_labels_overrule_a_coherent_majority(known):
     """The likelihood prefers the larger group; a label knows the right one."""
     toy = make("shifted", 1, n_good=2, n_bad=10, steps=STEPS).labelled(known)
     assert right(toy, fitted(toy.problem(), "confusion").posterior.log_odds)
-
-
-def test_long_bad_demonstrations_do_not_win():
-    """Ten good ones of 20 steps, four of 240 with random actions: pooled, the bad steps outnumber the good ones."""
-    toy = make("random", 3, n_good=10, n_bad=4, steps=(20, 20))
-    problem = toy.problem()
-    times = np.where(toy.is_good, 1, 12)
-    rows = np.concatenate([np.tile(np.arange(20) + 20 * m, times[m]) for m in range(14)])
-    offsets = np.concatenate([[0], np.cumsum(20 * times)])
-    actions, bad = problem.actions[rows], ~np.repeat(toy.is_good, 20 * times)
-    actions[bad] = np.random.default_rng(0).integers(3, size=bad.sum())
-    swamped = FitData(problem.features[rows], actions, offsets, problem.space, problem.labels)
-    assert right(toy, fitted(swamped).posterior.log_odds)
-
-
-@pytest.mark.slow
-def test_the_same_seed_and_several_threads_change_no_bit(monkeypatch):
-    problem = make("noisy", 0).problem()
-    one = fitted(problem, "confusion")
-    monkeypatch.setattr("rpil.numerics.parallel.THREADING_MIN_SIZE", 0)
-    several = fitted(problem, "confusion")
-    np.testing.assert_array_equal(one.posterior.log_odds, several.posterior.log_odds)
-    np.testing.assert_array_equal(one.state.policy.weights, several.state.policy.weights)
-    np.testing.assert_array_equal(one.history, several.history)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 
 import numpy as np
@@ -11,9 +12,10 @@ from rpil.numerics import parallel
 from rpil.numerics.parallel import in_parallel
 
 
-@pytest.mark.parametrize("min_size", [0, 10**9])
+@pytest.mark.parametrize("min_size", [6, 7])
 def test_in_parallel_gives_the_results_of_a_loop(monkeypatch, min_size):
     monkeypatch.setattr(parallel, "THREADING_MIN_SIZE", min_size)
+    monkeypatch.setattr(parallel, "cores", lambda: 2)
     threads = set()
 
     def square(x: int) -> int:
@@ -21,5 +23,15 @@ def test_in_parallel_gives_the_results_of_a_loop(monkeypatch, min_size):
         return x * x
 
     assert in_parallel(square, range(20), np.ones((3, 2))) == [x * x for x in range(20)]
-    main = threading.main_thread().name
-    assert (main in threads) == (min_size > 0 or parallel.cores() < 2)
+    assert len(threads) <= 2
+    assert (threading.main_thread().name in threads) == (min_size > 6)
+
+
+def test_cores_are_those_of_the_process_or_else_of_the_machine(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 3, 5}, raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: 7)
+    assert parallel.cores() == 3
+    monkeypatch.delattr(os, "sched_getaffinity")
+    assert parallel.cores() == 7
+    monkeypatch.setattr(os, "cpu_count", lambda: None)
+    assert parallel.cores() == 1

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import norm, rankdata
 from scipy.stats import t as student
 
 from rpil.numerics.regression import (
     ErrorSettings,
     error_scale,
+    mean_ranks,
     medians,
     normal_equations,
     robust_scale,
@@ -33,6 +34,11 @@ def test_robust_scale_of_gaussian_steps_and_of_constants():
 def test_medians_are_those_of_numpy(n):
     values = RNG.normal(size=(3, n, 2)).transpose(0, 2, 1)
     np.testing.assert_array_equal(medians(values), np.median(values, axis=-1))
+
+
+def test_mean_ranks_are_those_of_scipy():
+    values = np.array([3.0, 1.0, 3.0, -2.0, 3.0, 1.0])
+    np.testing.assert_array_equal(mean_ranks(values), rankdata(values))
 
 
 def test_spread_within_ignores_the_levels_of_demonstrations():
@@ -66,6 +72,8 @@ def test_error_scale_is_robust_and_weighted():
     errors = RNG.normal(0.0, 2.0, (10_000, 1))
     clean = error_scale(errors, np.ones(10_000), ErrorSettings(min_scale=0.0))
     assert clean == pytest.approx(1.35 * 2.0 * norm.ppf(0.75), rel=0.03)
+    least = error_scale(errors, np.ones(10_000), ErrorSettings(min_scale=0.5))
+    assert least == pytest.approx(clean + 0.5)
     spoiled = np.where(np.arange(10_000)[:, None] < 1_000, 1e6, errors)
     assert error_scale(spoiled, np.ones(10_000), ErrorSettings()) < 1.3 * clean
     ignored = error_scale(spoiled, (np.arange(10_000) >= 1_000).astype(float), ErrorSettings())

@@ -36,19 +36,6 @@ def test_fold_of_a_demonstration_does_not_depend_on_copies_units_or_order_of_col
         np.testing.assert_array_equal(deal(replace(problem, features=features), 5, 0), fold)
 
 
-def test_fold_of_a_demonstration_does_not_depend_on_copies_units_or_order_of_parts_of_actions():
-    problem = fit_data_of(make_continuous("noisy", 1, steps=(30, 30)))
-    problem = replace(problem, features=np.ones_like(problem.features))  # so that only actions tell them apart
-    fold, n_parts = deal(problem, 5, 0), problem.actions.shape[1]
-    assert n_parts > 1
-    for actions in (
-        problem.actions[:, [*range(n_parts), 0]],
-        problem.actions[:, ::-1],
-        problem.actions * np.geomspace(1e-9, 1e9, n_parts) - 3.0,
-    ):
-        np.testing.assert_array_equal(deal(replace(problem, actions=actions), 5, 0), fold)
-
-
 def test_same_steps_in_another_order_are_another_demonstration():
     problem = fit_data_of(make("noisy", 1, n_good=1, n_bad=0, steps=(30, 30)))
     steps = np.concatenate([np.random.default_rng(m).permutation(30) for m in range(12)])

@@ -11,7 +11,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.policies.features import FeatureMap, FeatureSettings
-from rpil.policies.selection import FeatureChoice, _fit_least_squares, _median, choose_features
+from rpil.policies.selection import FeatureChoice, _fit_least_squares, choose_features
 from rpil.policies.settings import SelectionSettings
 
 
@@ -80,26 +80,6 @@ def test_few_demonstrations_and_steps_are_enough():
     assert choose(observations, codes, offsets).kind == "nystroem"
     found = choose(np.arange(6.0)[:, None], np.array([0, 0, 0, 1, 1, 1]), np.array([0, 3, 6]))
     assert isinstance(found, FeatureChoice)
-
-
-def test_a_noisy_rule_makes_a_policy_less_sure():
-    observations, codes, offsets = told(straight)
-    noisy = np.random.default_rng(0).uniform(size=len(codes)) < 0.4
-    noise = np.where(noisy, np.random.default_rng(1).integers(2, size=len(codes)), codes)
-    data = Demonstrations(observations, noise, offsets)
-    model = BehavioralCloning("auto").fit(data)
-    proba = model.predict_proba(observations)
-    right = model.predict(observations) == noise
-    assert abs(proba.max(axis=1).mean() - right.mean()) < 0.05  # as often right as it says
-    assert np.mean(model.predict(observations) == straight(observations)) > 0.95
-
-
-@pytest.mark.parametrize(
-    ("values", "weight", "expected"),
-    [([3.0, 1.0, 2.0], [1, 1, 1], 2.0), ([1.0, 2.0, 3.0, 10.0], [1, 1, 1, 1], 2.5), ([1.0, 5.0], [1, 9], 5.0)],
-)
-def test_median(values, weight, expected):
-    assert _median(np.array(values), np.array(weight, dtype=float)) == expected
 
 
 def test_nystroem_approximates_the_kernel():

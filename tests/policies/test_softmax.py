@@ -47,10 +47,3 @@ def test_statistics_are_the_gradient():
     up, down = (objective(policy.weights + h * direction, penalty) for h in (1e-5, -1e-5))
     slope = (policy.penalised_gradient(statistics) * direction).sum()
     np.testing.assert_allclose(slope, (up - down) / 2e-5, rtol=1e-5)
-
-
-def test_temperature_multiplies_the_logits():
-    policy = SoftmaxPolicy(np.random.default_rng(0).normal(size=(3, 2)), np.ones(3))
-    features = PROBLEM.features[:5]
-    ratio = np.diff(policy.with_temperature(3.0).outputs(features)) / np.diff(policy.outputs(features))
-    np.testing.assert_allclose(ratio, 3.0)

@@ -78,13 +78,6 @@ def test_a_mean_beyond_the_bound_is_nearly_as_good_as_one_on_it(action, mean, er
     np.testing.assert_allclose(found, free.log_prob(np.array([[0.0]]), np.array([[error]])))
 
 
-def test_before_it_has_seen_data_it_is_in_the_middle_and_as_unsure_as_anything_in_the_box():
-    box = Box(np.array([-1.0, 0.0]), np.array([3.0, 1.0]))
-    policy = StudentPolicy.zero(box, np.zeros(3), 100)
-    np.testing.assert_allclose(policy.outputs(some_steps(5, 2)[0]), np.tile([1.0, 0.5], (5, 1)))
-    np.testing.assert_allclose(np.diag(policy.cholesky) ** 2, [16 / 12, 1 / 12])  # variances of uniform draws
-
-
 @pytest.mark.parametrize("name", [*ZOO, *BOUNDED])
 def test_no_step_of_learning_lowers_the_objective(name):
     problem = BOUNDED[name] if name in BOUNDED else ZOO[name].problem()
@@ -163,17 +156,6 @@ def test_a_weight_of_two_is_a_step_taken_twice_and_one_of_zero_is_none():
     two, _ = zero(problem).fit(twice, np.ones(len(rows)))
     np.testing.assert_allclose(one.weights, two.weights, atol=1e-9)
     np.testing.assert_allclose(one.cholesky, two.cholesky, atol=1e-9)
-
-
-def test_single_precision_and_nobody_to_learn_from_cost_precision_and_nothing_else():
-    """Where EM trusts everybody, or nobody, the other side's steps weigh nothing at all."""
-    problem = ZOO["noisy"].problem()
-    policy, outputs = zero(problem).fit(problem, np.zeros(len(problem.actions)))
-    assert np.isfinite([*outputs.ravel(), *policy.log_prob(outputs, problem.actions), policy.penalty()]).all()
-    single = replace(problem, features=problem.features.astype(np.float32))
-    ones = np.ones(len(problem.actions))
-    one, two = (zero(problem).fit(p, ones)[0] for p in (problem, single))
-    np.testing.assert_allclose(two.weights, one.weights, atol=1e-4)
 
 
 def test_columns_that_are_no_columns_are_survived():

@@ -18,11 +18,9 @@ from rpil.inference.witnesses import Witnesses
 from rpil.results.answering import (
     NOTHING_FOLLOWED,
     doubts_of_answers,
-    known_demonstrators,
     looking_order,
     rank_demonstrators,
     rejecting_rules,
-    verdicts_of,
     where_to_look,
 )
 from rpil.results.reasons import TWO_GROUPS, worst_stretch
@@ -67,27 +65,6 @@ def test_two_groups_are_told_until_answers_contrast(labels):
     assert (len(of_one.answered({0: "bad"}).notes), of_one.answered({0: "bad", 1: "good"}).notes) == (1, ())
 
 
-@pytest.mark.parametrize(
-    ("labels", "pairs", "outcome", "counts"),
-    [
-        ({0: "good"}, [], [], "1 label"),
-        ({}, [(0, 3)], [], "1 pair"),
-        ({}, [(0, 3), (1, 4)], [], "2 pairs"),
-        ({0: "good", 1: "good"}, [(0, 3)], [1.0], "2 labels, 1 pair, 1 outcome"),
-        ({0: "good"}, [], [0.0, 1.0], "1 label, 2 outcomes"),
-    ],
-)
-def test_answers_are_counted(labels, pairs, outcome, counts):
-    """Outcomes are those of the last demonstrations; they stay when answers come."""
-    outcomes = np.array([*[np.nan] * (6 - len(outcome)), *outcome])[:, None]
-    known = replace(Answers.none(6), outcomes=outcomes, names=("success",))
-    audit = two_groups(answers=known).answered(labels, pairs)
-    assert audit.assumptions[-1] == sentence(counts)
-    np.testing.assert_array_equal(audit.answers.outcomes, known.outcomes)
-    assert audit.answers.pairs.tolist() == [list(pair) for pair in pairs]
-    assert audit.answers.labels.tolist() == [int(m in labels) for m in range(6)]
-
-
 def test_the_other_demonstrations_of_a_person_are_evidence_and_a_word_agrees_with_all_of_it():
     """Ann has one demonstration that seems good, and others that are labelled bad."""
     columns = np.repeat([1.0, 0.5, 1.0, -1.0], [1, 1, 4, 6])[:, None] * np.ones((12, 2))
@@ -101,14 +78,6 @@ def test_the_other_demonstrations_of_a_person_are_evidence_and_a_word_agrees_wit
     assert alone.log_odds[1] > 0 > of_ann.log_odds[1]
     assert of_ann.log_odds[1] == alone.log_odds[1] + of_ann.from_demonstrator[1]
     assert [one.name for one in of_ann.demonstrators] == ["Bob", "Ann"]
-
-
-def test_words_of_answers_stand_above_those_that_stay():
-    words, stays = np.array([1, 1, 0, 0, -1, -1]), np.array([0, -1, 0, -1, -1, 0])
-    found = verdicts_of(words, "answers", stays)
-    assert found == ("good", "good", "open", "outlier", "bad", "bad")
-    assert verdicts_of(np.array([0, -1]), "none") == ("open", "outlier")
-    assert verdicts_of(np.array([1, 0, -1]), "answers") == ("good", "open", "bad")
 
 
 @pytest.mark.parametrize(
@@ -161,11 +130,6 @@ def test_where_to_look(ratio, look_at, where, seconds):
     assert worst_stretch(audit.log_ratio(1)) == (look_at and tuple(look_at))
     assert where_to_look(audit, 1) == (f"1 (look {where})" if where else "1")
     assert where_to_look(replace(audit, fps=10.0), 1) == (f"1 (look {seconds})" if where else "1")
-
-
-def test_nothing_is_to_see_where_steps_are_not_kept():
-    kept = {"step_log_ratio": np.empty(0), "step_weight": np.empty(0)}
-    assert worst_stretch(asking(**kept).log_ratio(1)) is None
 
 
 @pytest.mark.parametrize(
@@ -224,14 +188,6 @@ def test_demonstrators_are_ranked_by_trust_and_without_it_stand_in_the_order_of_
     assert rank_demonstrators(Demonstrators(), TRUST, IDS) == ()
     found = rank_demonstrators(NAMES, np.empty((0, 3)), IDS)
     assert [(who.name, who.trust) for who in found] == [("Ann", None), ("Bob", None)]
-
-
-def test_the_demonstrators_of_an_audit_are_those_that_it_was_given():
-    found = known_demonstrators(rank_demonstrators(NAMES, TRUST, IDS), IDS)
-    np.testing.assert_array_equal(found.indicator, NAMES.indicator)
-    assert found.names == NAMES.names
-    assert known_demonstrators((), IDS).names == ()
-    assert known_demonstrators((Demonstrator("Ann", None, ("fifth",)),), IDS).names == (None, None, None, None, "Ann")
 
 
 def test_contradicting_labels_are_looked_at_before_outliers_a_group_apart_and_the_lowest_of_the_others():

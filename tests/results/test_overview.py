@@ -9,7 +9,7 @@ import pytest
 
 from audits import make_audit
 from rpil.inference.findings import FINDINGS
-from rpil.results.overview import MAX_NAMED_FIRST, first_sentence, headline, look_first
+from rpil.results.result import MAX_NAMED_FIRST, first_sentence, headline, look_first
 from rpil.results.vocabulary import short_id
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -14,7 +13,6 @@ from matplotlib.figure import Figure
 
 from audits import make_audit
 from rpil.data.errors import MissingExtraError
-from rpil.results import plots
 from rpil.results.vocabulary import COLOURS, SIDES
 
 
@@ -42,23 +40,6 @@ def test_a_picture_is_drawn_on_given_axes_or_on_new_ones_and_needs_an_extra(monk
             picture()
 
 
-def test_names_are_text_and_not_formulas(tmp_path: Path) -> None:
-    audit = make_audit(("open", "outlier"), ids=("$\\frac$ \ud800", "cost $5$ \x07"))
-    shown = audit.plot.ranking()
-    assert r"cost $5$ \x07" in {text.get_text() for text in shown.get_yticklabels()}
-    assert audit.plot.steps().title.get_text() == r"Demonstration cost $5$ \x07"
-    shown.figure.savefig(tmp_path / "picture.svg")
-    assert "cost $5$" in (tmp_path / "picture.svg").read_text(encoding="utf-8")
-
-
-def test_running_mean_is_the_mean_of_the_window_cut_at_the_ends() -> None:
-    values = np.array([1.0, 2.0, 6.0, 3.0])
-    np.testing.assert_allclose(plots.running_mean(values), values)
-    many = np.random.default_rng(0).normal(size=60)
-    expected = [many[max(k - 1, 0) : k + 2].mean() for k in range(60)]
-    np.testing.assert_allclose(plots.running_mean(many), expected)
-
-
 def test_ranking_shows_every_demonstration_in_order_with_its_colour() -> None:
     audit = make_audit()
     ax = audit.plot.ranking()
@@ -72,17 +53,6 @@ def test_ranking_shows_every_demonstration_in_order_with_its_colour() -> None:
         assert all(audit.verdicts[order[row]] == verdict for row in rows)
         np.testing.assert_array_equal(line.get_xdata(), audit.reliability[order[rows]])
     assert [text.get_text() for text in ax.get_legend().texts] == ["open (6)", "outlier (4)"]
-
-
-def test_timeline_marks_the_worst_steps_of_the_demonstration_asked_for() -> None:
-    audit = make_audit(ids="abcdefghij", lengths=[500] * 10)
-    ax = audit.plot.steps("h")
-    ratio = audit.step_log_ratio[audit.offsets[7] : audit.offsets[8]]
-    points, _, mean, marks = ax.lines
-    np.testing.assert_array_equal(points.get_ydata(), ratio)
-    np.testing.assert_allclose(mean.get_ydata(), plots.running_mean(ratio))
-    assert list(marks.get_xdata()) == audit.worst_steps(7)
-    assert ax.get_title() == "Demonstration h"
 
 
 def drawn(ax: Axes) -> dict[float, float]:

@@ -11,26 +11,22 @@ import pyarrow.parquet as pq
 import pytest
 
 from audits import make_audit
-from rpil.estimators.settings import Settings
+from rpil.estimators.pipeline import Settings
 from rpil.inference.settings import JudgeSettings, OutlierSettings
-from rpil.results import provenance
+from rpil.results import judged
 from rpil.results.choice import write_kept, write_verdicts
-from rpil.results.provenance import Provenance, changed_settings, digest
+from rpil.results.judged import Provenance, changed_settings, digest
 
 
 def test_a_file_has_the_digest_that_every_tool_computes(tmp_path):
     (tmp_path / "a.csv").write_bytes(b"1,2\n")
     expected = hashlib.sha256(b"1,2\n").hexdigest()
-    assert digest(tmp_path / "a.csv") == {
-        "path": str(tmp_path / "a.csv"),
-        "bytes": 4,
-        "sha256": expected,
-    }
+    assert digest(tmp_path / "a.csv") == {"path": str(tmp_path / "a.csv"), "bytes": 4, "sha256": expected}
 
 
 @pytest.mark.parametrize("is_large", [False, True])
 def test_the_digest_of_a_folder_changes_with_names_and_contents(tmp_path, monkeypatch, is_large):
-    monkeypatch.setattr(provenance, "_MOST_DIGESTED", 0 if is_large else 1000)
+    monkeypatch.setattr(judged, "_MOST_DIGESTED", 0 if is_large else 1000)
     folder = tmp_path / "data"
     (folder / "b").mkdir(parents=True)
     (folder / "a.csv").write_bytes(b"abc")
@@ -52,9 +48,7 @@ def test_the_digest_of_a_folder_changes_with_names_and_contents(tmp_path, monkey
 def test_settings_that_differ_are_named():
     assert changed_settings(Settings(), Settings()) == {}
     changed = replace(
-        Settings(),
-        judge=replace(JudgeSettings(), outliers=OutlierSettings(min_proba=0.75)),
-        judge_features="raw",
+        Settings(), judge=replace(JudgeSettings(), outliers=OutlierSettings(min_proba=0.75)), judge_features="raw"
     )
     assert changed_settings(changed, Settings()) == {"judge_features": "raw", "judge.outliers.min_proba": 0.75}
     assert changed_settings(math.inf, 1.0, "x") == {"x": "inf"}  # which JSON does not have

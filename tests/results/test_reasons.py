@@ -102,11 +102,6 @@ def test_competing_groups_wait_for_a_label(finding: str) -> None:
     assert audit.reasons == (*acts, "In neither group.")
 
 
-def test_a_named_adversary_is_named_in_reasons() -> None:
-    audit = make_audit(("expert", "adversary"), anchor="named adversary", finding="mixture", **NO_STRETCH)
-    assert audit.reasons == ("Acts like the expert.", "Acts like the adversary.")
-
-
 def test_a_span_is_in_steps_or_in_seconds():
     assert [span(3, last, None) for last in (3, 4)] == ["at step 3", "at steps 3 to 4"]
     assert [span(3, last, 10.0) for last in (3, 4)] == ["at 0.3 s", "from 0.3 to 0.5 s"]

@@ -8,8 +8,6 @@ import pytest
 from rpil.inference.channels import CHANNELS, normal_scores
 from rpil.results.reasons import RANKS, groups_differ, known_facts, style_in_words
 
-UNKNOWN = np.empty((4, 0))
-
 
 def columns(n=4, **channels):
     """The columns of demonstrations: channels that are named, others of 0, and the group of scores."""
@@ -35,17 +33,6 @@ def test_a_fact_is_the_rank_of_its_channel_and_grows_with_its_name(channel, fact
     assert all(values == pytest.approx([0.5] * 4) for name, values in found.items() if name != fact)
 
 
-def test_ranks_have_six_digits():
-    known = columns(3, length=[1.0, 2.0, 3.0])
-    for given in (known, known[:, : len(CHANNELS)]):
-        assert known_facts(given, None)["length"] == (0.166667, 0.5, 0.833333)
-
-
-def test_what_is_not_known_is_left_out():
-    assert known_facts(UNKNOWN, None) == {}
-    assert known_facts(UNKNOWN, np.array([7.5, 1.0, 9.0, 2.0])) == {"order": (3, 1, 4, 2)}
-
-
 def test_a_style_names_the_length_and_the_ranks_that_are_far_from_the_middle():
     lengths = np.array([20, 40, 50, 100])
     facts = {"pauses": (0.1, 0.2, 0.5, 0.9), "smoothness": (0.5, 0.36, 0.6, 0.9), "length": (0.1, 0.4, 0.6, 0.9)}
@@ -69,12 +56,6 @@ def test_how_two_groups_differ():
     lengths = np.repeat([140, 1210], [8, 6])
     found = differ(lengths=lengths, length=UP, motion=UP, short_path=-UP)
     assert found == "B takes longer (median 1,210 against 140 steps), pauses less and has a longer path"
-
-
-def test_four_fifths_of_the_pairs_are_enough():
-    groups, values = (np.arange(20), np.arange(20, 40)), np.r_[np.arange(20.0), [15.5] * 20]
-    (found,) = groups_differ(groups, columns(40, smoothness=values), np.arange(40))
-    assert found == "The two groups: B is smoother."
 
 
 @pytest.mark.parametrize(

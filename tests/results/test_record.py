@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 import inspect
-import json
 import re
 from dataclasses import fields
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet as pq
 import pytest
 
 from audits import make_audit
 from html_page import Page
 from rpil.data.errors import DataError
 from rpil.results.answering import looking_order
-from rpil.results.choice import write_verdicts
 from rpil.results.record import Audit, Demonstrator, Interval
 
 
 def test_a_frame_has_the_demonstrations_in_the_order_of_looking():
     audit = make_audit(ids=list("abcdefghij"))
-    table, (order, _) = audit.to_frame("pyarrow"), looking_order(audit)
+    table, (order, _) = pa.table(audit.to_frame()), looking_order(audit)
     assert order != sorted(order)
     for name, column in (("id", audit.ids), ("verdict", audit.verdicts), ("reason", audit.reasons)):
         assert table[name].to_pylist() == [column[m] for m in order]
@@ -37,17 +32,9 @@ def test_a_frame_has_the_demonstrations_in_the_order_of_looking():
 def test_a_frame_has_demonstrators_and_sessions_where_they_are_known():
     who = (Demonstrator("ann", Interval(0.5, 0.1, 0.9), (0, 2)), Demonstrator("bob", Interval(0.5, 0.1, 0.9), (1,)))
     changes = {"demonstrators": who, "sessions": ("mon", "mon", "tue"), "log_odds": np.arange(3.0)}
-    table = make_audit(("open",) * 3, **changes).to_frame("pyarrow")
+    table = pa.table(make_audit(("open",) * 3, **changes).to_frame())
     assert table["demonstrator"].to_pylist() == ["ann", "bob", "ann"]
     assert table["fact_session"].to_pylist() == ["mon", "mon", "tue"]
-
-
-@pytest.mark.parametrize("backend", ["pandas", "polars"])
-def test_an_audit_becomes_a_frame_with_its_facts(backend):
-    pytest.importorskip(backend)
-    frame = make_audit(order=np.arange(10.0)).to_frame(backend)
-    assert "fact_order" in pa.table(frame).column_names
-    assert len(frame) == 10
 
 
 def test_to_html_writes_the_report(tmp_path):
@@ -66,42 +53,3 @@ def test_every_field_is_described():
         name for line in re.findall(r"^(\w[\w, ]*) :", inspect.getdoc(Audit) or "", re.M) for name in line.split(", ")
     }
     assert described == {field.name for field in fields(Audit)}
-
-
-COLUMNS = [
-    "id", "verdict", "label", "said", "rejected_by", "rank", "look", "expert_proba", "log_odds", "n_steps",
-    "from_actions", "from_demonstrator", "from_label", "reliability", "demonstrator", "task", "faults", "reason", "run",
-]  # fmt: skip
-
-
-def read_rows(path: Path) -> list[dict[str, object]]:
-    if path.suffix == ".json":
-        return list(json.loads(path.read_text(encoding="utf-8")))
-    if path.suffix == ".parquet":
-        return list(pq.read_table(path).to_pylist())
-    return list(pa.csv.read_csv(path).to_pylist())
-
-
-@pytest.mark.parametrize("extension", [".csv", ".parquet", ".json"])
-def test_every_format_holds_one_row_for_each_demonstration(tmp_path, extension):
-    audit = make_audit(ids=["a,b", 'say "x"', "é", "01", "=1", "5", "6", "7", "8", "9"])
-    path = tmp_path / f"verdicts{extension}"
-    columns = audit.table({str(audit.ids[2]): "Ann"}, tasks={str(audit.ids[3]): "lift"})
-    write_verdicts(path, audit, columns)
-    rows = read_rows(path)
-    assert list(rows[0]) == COLUMNS
-    quote = "'" if extension == ".csv" else ""  # a spreadsheet would compute =1
-    assert [row["id"] for row in rows] == [f"{quote}=1" if name == "=1" else name for name in audit.ids]
-    assert [row["verdict"] for row in rows] == list(audit.verdicts)
-    assert {row["label"] or "" for row in rows} == {""}
-    assert [row["rank"] for row in rows] == audit.ranks.tolist()
-    assert [row["look"] for row in rows] == (np.argsort(looking_order(audit)[0]) + 1).tolist()
-    assert [row["expert_proba"] for row in rows] == audit.expert_proba.tolist()
-    assert [row["log_odds"] for row in rows] == audit.log_odds.tolist()
-    assert [row["reliability"] for row in rows] == audit.reliability.tolist()
-    assert [row["n_steps"] for row in rows] == audit.lengths.tolist()
-    assert [row["demonstrator"] for row in rows] == ["", "", "Ann", *[""] * 7]
-    assert [row["task"] for row in rows] == ["", "", "", "lift", *[""] * 6]
-    for row in rows:
-        assert row["run"] == audit.run_id
-        assert row["from_actions"] + row["from_demonstrator"] + row["from_label"] == pytest.approx(row["log_odds"])

@@ -6,10 +6,8 @@ import json
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from audits import make_audit
-from rpil.data.errors import DataError
 from rpil.results.judged import Demonstrator, Interval
 
 
@@ -19,13 +17,6 @@ def test_worst_steps_are_the_most_negative_and_never_positive():
     assert [audit.worst_steps(m) for m in range(5)] == [[1], [], [1, 0, 3], [0], [0, 4, 2, 3, 1]]
     assert audit.worst_steps(4, k=2) == [0, 4]
     np.testing.assert_array_equal(audit.step_log_ratio[audit.steps(2)], [-1.0, -3.0, 2.0, -1.0])
-
-
-def test_index_of_an_id():
-    audit = make_audit(ids=list("abcdefghij"))
-    assert audit.index("c") == 2
-    with pytest.raises(DataError, match="No demonstration is called 'z'"):
-        audit.index("z")
 
 
 def test_a_copy_of_what_is_labelled_has_its_reason():

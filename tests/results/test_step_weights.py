@@ -99,11 +99,6 @@ def test_answers_without_a_contrast_change_their_own_demonstrations(answers, exp
     assert weights(**answers) == expected
 
 
-def test_the_label_of_a_copy_decides_whatever_its_part():
-    found = weights([1, 1, 0, -1], part=(1, 1, 1, -1, 1, -1), copy_of=np.array([0, 1, 2, 3, 3, 1]))
-    assert found == [1, 1, 1, 0, 0, 1]
-
-
 def test_for_other_trainings_all_weigh_one_until_answers_contrast_and_then_p_good_with_a_mean_of_one():
     for answers in (answers_of(m=6), answers_of([1, 1, 0, 0, 0, 0]), answers_of([0, 0, 0, -1, 0, -1])):
         assert of_demonstrations(judged(answers=answers, settings=FOR_OTHERS)).tolist() == [1] * 6
@@ -197,13 +192,6 @@ def test_which_columns_are_flags_of_interventions(flags, is_known):
     named = rpil.open(table, observations=["x", "is_human_intervention"])
     assert named.interventions is None
     assert named.demonstrations.n_observations == 2
-
-
-def test_a_policy_learns_from_what_a_person_did():
-    told = rpil.RPIL(random_state=0).fit(rpil.open(with_interventions(TOOK_OVER)))
-    plain = rpil.RPIL(random_state=0).fit(rpil.open(episodes(phase=None)))
-    x = np.zeros((1, 1))
-    assert told.predict(x) != plain.predict(x)
 
 
 def test_rows_that_are_called_bad_weigh_nothing_and_the_mean_stays():

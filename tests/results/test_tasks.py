@@ -76,29 +76,28 @@ def test_answers_of_all_stay_but_for_pairs_of_different_tasks():
     assert joined(answers=given).answers.heard is None, "nothing was learned of them"
 
 
-def test_groups_of_one_task_are_groups_of_all_and_the_first_pair_is_asked():
+def test_groups_pair_finding_and_anchor_of_all_tasks():
     opposed = {"identifiable": False, "competing": (("a",), ("b",)), "pair": ("a", "b")}
     audit = joined({}, opposed)
     assert (audit.identifiable, audit.competing, audit.pair) == (False, (("a",), ("b",)), ("a", "b"))
     assert joined({"pair": (1, 0)}, opposed).pair == (1, 0)
     audit = joined()
     assert (audit.identifiable, audit.competing, audit.pair) == (True, (), ())
-
-
-def test_the_finding_that_says_most_and_an_anchor_that_all_share():
     audit = joined({"finding": "two groups"}, {"finding": "a group apart"})
     assert (audit.finding, audit.anchor) == ("a group apart", "none")
     assert joined({"anchor": "answers"}, {"anchor": "answers"}).anchor == "answers"
     assert joined({"anchor": "answers"}, {}).anchor == "none"
 
 
-def test_the_prior_is_the_mean_over_demonstrations():
+def test_the_prior_is_the_mean_over_demonstrations_of_tasks_that_are_judged():
     one = make_audit(("open",), lengths=[1], prior=Interval(0.1, 0.0, 0.2))
     three = make_audit(("open",) * 3, lengths=[1] * 3, prior=Interval(0.5, 0.4, 0.8))
     places = {"one": [0], "three": [1, 2, 3]}
     prior = join_audits({"one": one, "three": three}, places, range(4), np.arange(5), Answers.none(4)).prior
     assert (prior.mean, prior.low, prior.high) == pytest.approx((0.4, 0.3, 0.65))
     assert join_audits({}, {"": [0]}, [0], np.arange(2), Answers.none(1)).prior == Interval(0.5, 0.0, 1.0)
+    alone = join_audits({"one": one}, {"one": [0], "other": [1]}, range(2), np.arange(3), Answers.none(2))
+    assert (alone.prior, alone.adversary, alone.settings) == (one.prior, one.adversary, one.settings)
 
 
 @pytest.mark.parametrize(

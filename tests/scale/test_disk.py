@@ -14,7 +14,6 @@ import pytest
 
 import rpil
 from recorded import demonstrations, write_files
-from rpil import RPIL, formats
 from rpil.formats import table as flat
 from small import small_rpil
 
@@ -34,13 +33,6 @@ def test_a_fit_from_disk_is_the_fit_in_memory(tmp_path):
     assert here.observation_names_ == there.observation_names_
 
 
-def test_a_small_data_set_is_fitted_in_memory(tmp_path):
-    memory = demonstrations()
-    formats.write(tmp_path / "a.parquet", memory)
-    here, there = RPIL().fit(memory), RPIL().fit(rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations)
-    np.testing.assert_array_equal(here.log_odds_, there.log_odds_)
-
-
 # Not ru_maxrss: a child begins with that of its parent. One core: how many blocks several hold at once is chance.
 MEASURE = """
 import os, re, sys
@@ -48,7 +40,7 @@ from pathlib import Path
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 from rpil.inference.settings import HeldOutSettings, JudgeSettings, PartSettings
 from rpil.scale.settings import AscentSettings, SampleSettings
-import rpil, rpil.estimators.rpil, rpil.formats.dataset, sklearn.preprocessing, pyarrow.parquet, pyarrow.fs
+import rpil, rpil.estimators.rpil, rpil.formats.format, sklearn.preprocessing, pyarrow.parquet, pyarrow.fs
 
 def peak():
     return 1024 * int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])

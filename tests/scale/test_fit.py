@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -62,17 +61,6 @@ def test_parts_outside_the_sample_are_by_the_policies_of_its_parts(kind, value):
     np.testing.assert_allclose(block.side, explained[0] - explained[1])
 
 
-def test_a_tie_of_the_sample_is_a_tie_of_all():
-    _, every, sample = of_sample("flipped", np.arange(12, 36))  # as many of either
-    assert set(np.abs(sample.judgement.part)) == {0.5}
-    parts = policies_of_parts(sample.data, sample.judgement, SETTINGS)
-    block = score_block((None, every), sample.judge, parts, SETTINGS)
-    found = judge_everyone(sample, every, [block], SETTINGS).part
-    assert set(found[:24]) == {found[0]}
-    assert set(found[24:]) == {-found[0]}
-    assert abs(found[0]) == 0.5
-
-
 def test_blocks_are_joined_in_order():
     _, every, sample = of_sample("random", np.arange(36))
     halves = [replace(every, **cut(every, slice(*ends))) for ends in ((0, 10), (10, 36))]
@@ -89,17 +77,6 @@ def cut(data, some):
     rows = slice(offsets[0], offsets[-1])
     of_rows = {"features": data.features[rows], "actions": data.actions[rows]}
     return of_rows | {"offsets": offsets - offsets[0], "labels": data.labels[some]}
-
-
-def test_shards_hold_every_demonstration_once_in_order():
-    for n_shards in (1, 3, 1000):
-        shards = DATA.shards(n_shards)
-        blocks = [block for shard in shards for block in shard]
-        assert len(shards) == min(n_shards, len(blocks))
-        np.testing.assert_array_equal(np.concatenate([p.actions for p in blocks]), DATA.actions)
-        np.testing.assert_array_equal(np.concatenate([np.diff(p.offsets) for p in blocks]), DATA.lengths)
-        assert all(after.demonstrations.start == before.demonstrations.stop for before, after in pairwise(blocks))
-        assert blocks[0].first == 0
 
 
 def test_an_ascent_without_progress_ends():

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from rpil.data.errors import DataError
-from rpil.scale import local
-from rpil.scale.local import LocalEngine, StepFile
+from rpil.scale.local import LocalEngine, StepFile, gathered
 from rpil.scale.protocol import Engine, Shards
 
 
@@ -64,6 +63,7 @@ def test_what_is_written_by_blocks_is_read_by_blocks_and_whole(monkeypatch, tmp_
     for steps in (slice(0, 4), slice(4, 5), slice(5, 9)):
         file.append(tuple(array[steps] for array in arrays))
     parts, whole = [file.read(steps) for steps in file.blocks], file.read(slice(0, 9))
+    np.testing.assert_array_equal(gathered([arrays[2][:4], arrays[2][4:]], 9), arrays[2])
     assert not list(tmp_path.iterdir())  # the file has no name, so that nothing is left where a process is killed
     del file
     gc.collect()
@@ -79,18 +79,3 @@ def test_room_is_checked_before_the_first_block_is_written(monkeypatch):
     StepFile(1_600_000).append(block)
     with pytest.raises(DataError, match=r"0.04 GB for a temporary file, and .* has 0.03 GB free; set TMPDIR"):
         StepFile(2_000_000).append(block)
-
-
-def test_few_blocks_are_in_memory(monkeypatch):
-    monkeypatch.setattr(local, "cores", lambda: 2)
-    read = []
-
-    def shard():
-        for k in range(9):
-            read.append(k)
-            yield k
-
-    results = LocalEngine().place([shard()]).map(lambda block: block)
-    assert next(results) == 0
-    assert len(read) == 3
-    assert list(results) == [*range(1, 9)]

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from rpil import Demonstrations
-from rpil.segments.cuts import MovedColumns
-from rpil.segments.settings import SegmentSettings
+from rpil.segments.find import MovedColumns, SegmentSettings
 from worlds.tidying import tidied
 
 SETTINGS = SegmentSettings()
@@ -52,3 +51,43 @@ def test_moves_do_not_reach_over_the_end_of_a_demonstration_and_classes_of_actio
     rng = np.random.default_rng(0)
     made = Demonstrations.from_episodes([(rng.normal(size=(20, 2)), [0, 1] * 10) for k in range(4)])
     assert MovedColumns.of(made, SETTINGS).values.shape == (80, 2)
+
+
+def test_moves_are_differences_over_a_window_within_a_demonstration():
+    rng = np.random.default_rng(0)
+    episodes = [(rng.normal(scale=0.003, size=(n, 2)).cumsum(axis=0), [0, 1] * (n // 2)) for n in (300, 400, 500)]
+    made = Demonstrations.from_episodes(episodes)
+    found = MovedColumns.of(made, SETTINGS)
+    assert found.window == 10  # a fortieth of the median length
+    for first, end in zip(made.offsets[:-1], made.offsets[1:], strict=True):
+        for row in range(first, end):
+            move = found.values[min(row + 5, end - 1)] - found.values[max(row - 5, first)]
+            assert (found.moves[row] == (np.abs(move) > SETTINGS.least_move)).all()
+
+
+def column(*values):
+    """One column, whose three demonstrations are alike."""
+    still = np.zeros((3 * len(values), 1), dtype=bool)
+    offsets = np.arange(4) * len(values)
+    return MovedColumns(np.tile(np.array(values), 3)[:, None], offsets, 3, still, np.zeros(1, dtype=bool))
+
+
+def test_a_hand_is_near_its_home_and_returns():
+    near = 0.45 * SETTINGS.level
+    assert column(0.0, *[near] * 40, *[1.0] * 50, *[near] * 40).closed(SETTINGS)[1]
+    assert not column(*[0.0] * 50, *[1.0] * 50).closed(SETTINGS)[1]  # home again in the next demonstration alone
+
+
+def test_things_move_in_a_larger_share_of_the_rows_of_a_closed_hand():
+    closed = np.arange(100) < 10
+    moves = np.stack([np.arange(100) % 10 < 1 + 4 * closed, np.zeros(100, dtype=bool)], axis=1)
+    found = MovedColumns(np.zeros((100, 2)), np.array([0, 100]), 3, moves, np.zeros(2, dtype=bool))
+    assert found.things(closed, SETTINGS).tolist() == [True, False]  # of which the second never moves
+
+
+def test_a_cut_is_the_corner_of_the_way_between_two_acts():
+    up = np.linspace(0, 1, 11)
+    way = np.concatenate([np.stack([np.ones(11), up], axis=1), np.stack([1 - up, np.ones(11)], axis=1)[1:]])
+    found = MovedColumns(way, np.array([0, 21]), 3, np.zeros((21, 2), dtype=bool), np.zeros(2, dtype=bool))
+    closed = (np.arange(21) < 2) | (np.arange(21) > 18)
+    assert found.cuts(closed).tolist() == [10]

@@ -8,9 +8,19 @@ import numpy as np
 import pytest
 
 from rpil import Demonstrations
-from rpil.segments.find import find_segments, near, progress, shortfall
-from rpil.segments.kinds import KINDS
-from rpil.segments.settings import SegmentSettings
+from rpil.segments.find import (
+    Acts,
+    MovedColumns,
+    SegmentSettings,
+    find_acts,
+    find_segments,
+    near,
+    progress,
+    reasons_of,
+    scores,
+    shortfall,
+)
+from rpil.segments.ranges import KINDS
 from worlds.tidying import CLEAN, tidied
 
 N, SETTINGS = 20, SegmentSettings()
@@ -32,16 +42,6 @@ def found_in(family, n=N, **given):
     assert (found.end > found.start).all()
     assert len(found.reason) == len(found.kind) == len(found.score)
     return made, found, share_of(made.bad, made.demonstrations, found)
-
-
-def test_the_order_of_demonstrations_changes_nothing():
-    made = tidied("wrong place", N, 0).demonstrations
-    order = np.random.default_rng(0).permutation(N)
-    found, moved = find_segments(made), find_segments(made.select(order))
-    for place, m in enumerate(order):
-        own, others = found.demonstration == m, moved.demonstration == place
-        assert np.array_equal(found.start[own], moved.start[others])
-        assert np.allclose(found.score[own], moved.score[others], equal_nan=True)
 
 
 @pytest.mark.parametrize("family", ["wrong place", "undone"])
@@ -115,6 +115,28 @@ def acts(n=60, seed=0):
     return rng.uniform(size=(n, 3)), rng.uniform(size=(n, 3)), rng.random((n, 3)) < 0.6, demonstration
 
 
+def test_scores_and_reasons_of_acts_by_hand():
+    of_none, number = np.zeros(5, dtype=bool), np.arange(5)
+    known = np.array([0.0, 1.0, 2.0, np.nan, -9.0])
+    made = Acts(number, number * 0, number * 0, number, known, number == 1, (number == 2) | (number == 3))
+    found = scores(made, SETTINGS)
+    assert found.tolist() == [0.0, 0.0, -1.0, -3.0, -9.0]
+    taken, low = "a person takes over after it", "moves 4 columns and ends no nearer to where others end"
+    assert reasons_of(made, found, SETTINGS) == ["", "", taken, taken, low]
+    still = replace(made, progress=number * 0.0, again=of_none, taken=of_none)
+    assert reasons_of(still, np.full(5, -9.0), SETTINGS) == [""] * 5  # no value lies below 0
+
+
+def test_an_act_ends_in_its_last_row_and_the_next_demonstration_undoes_nothing():
+    """One column moves in the last row alone, there and in the next demonstration back."""
+    values = np.concatenate([[0.0] * 9, [1.0], [1.0] * 9, [0.0]] * 2)[:, None]
+    moves = np.arange(40)[:, None] % 10 > 7
+    columns = MovedColumns(values, np.arange(0, 41, 10), 3, moves, np.zeros(1, dtype=bool))
+    found = find_acts(columns, np.zeros(40, dtype=bool), SETTINGS)
+    assert found.n_moved.tolist() == [1] * 4
+    assert found.kind.tolist() == [KINDS.index("act")] * 4
+
+
 def test_near_counts_values_of_others_and_never_less_than_none():
     for seed in range(3):
         after, before, _, demonstration = acts(seed=seed)
@@ -146,12 +168,3 @@ def test_progress_of_what_few_others_move_is_unknown():
     assert np.isnan(progress(after, before, alone, demonstration, SETTINGS)).all()
     alone[SETTINGS.least_acts, 2] = True
     assert np.isfinite(progress(after, before, alone, demonstration, SETTINGS)[: SETTINGS.least_acts + 1]).all()
-
-
-def test_a_place_where_others_leave_things_is_better_than_any_other():
-    rng = np.random.default_rng(1)
-    before, after = rng.uniform(size=(30, 1)), np.full((30, 1), 0.8)
-    after[3] = 0.2
-    found = progress(after, before, np.ones((30, 1), dtype=bool), np.arange(30), SETTINGS)
-    assert found.argmin() == 3
-    assert found[3] < 0 < np.median(found)

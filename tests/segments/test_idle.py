@@ -11,6 +11,7 @@ import rpil
 from idle_worlds import N_SETS, world
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
+from rpil.segments.ranges import _without_waits
 
 
 @pytest.mark.slow
@@ -34,6 +35,15 @@ def test_a_gripper_that_closes_is_waited_for_and_an_unknown_rule_is_refused():
         rpil.idle_rows(made.data, "droid")
     assert (made.data.actions[:, -1] == 1).any()
     assert not rpil.idle_rows(made.data).any()
+
+
+def test_of_a_rest_far_longer_than_others_after_a_gripper_only_the_usual_part_waits():
+    turns, lengths = np.array([20, 80, 130, 200]), [20, 20, 20, 61]
+    rests = np.zeros(300, dtype=bool)
+    for turn, length in zip(turns, lengths, strict=True):
+        rests[turn : turn + length] = True
+    left = np.flatnonzero(_without_waits(rests, turns, np.array([0, 300])))
+    assert left.tolist() == [*range(230, 261)]  # 30 rows are the third quartile
 
 
 def test_order_and_units_change_nothing():
@@ -93,6 +103,9 @@ def test_the_rule_of_openpi_gives_the_ranges_of_its_description():
             parts.append(moving if rng.random() < 0.5 else still)
         velocity = np.concatenate(parts)
         episodes.append((rng.normal(size=(len(velocity), 3)), np.column_stack([velocity, rng.random(len(velocity))])))
+    for begin in (rng.normal(size=(1, 7)), episodes[-1][1][-1:, :7]):  # six rows that stay, after the first
+        velocity = np.concatenate([np.repeat(begin, 7, axis=0), rng.normal(size=(30, 7))])
+        episodes.append((rng.normal(size=(37, 3)), np.column_stack([velocity, rng.random(37)])))
     names = (*(f"joint_velocity_{k}" for k in range(7)), "Gripper")
     data = Demonstrations.from_episodes(episodes)
     data = Demonstrations(data.observations, data.actions, data.offsets, action_names=names)

@@ -15,10 +15,8 @@ import rpil
 from command_line import ok, refused
 from idle_worlds import world
 from rpil.data.errors import DataError
-from rpil.formats import read_recording
 from rpil.formats.columns import ColumnOptions
-from rpil.segments.kinds import KINDS, Segments
-from rpil.segments.ranges import cut_out, keys_of, segment_columns, subtask_columns
+from rpil.segments.ranges import KINDS, Segments, cut_out, keys_of, segment_columns, subtask_columns
 
 IDS = ("plain", "a, b", 'say "x"', "é\u2028z", "=1+1", "__proto__")
 
@@ -154,21 +152,6 @@ def test_a_table_of_segments_has_seconds_where_the_rate_is_known():
     }  # fmt: skip
     assert "seconds" not in segment_columns(found, ("x", "y"), None)
     assert subtask_columns(found, ("x", "y", "z"))["rpil_subtask_end_frames"] == {"x": [4, 8], "y": [2], "z": []}
-
-
-def test_data_on_disk_have_the_same_ranges_and_segments(data):
-    demonstrations, idle = data
-    on_disk = read_recording("a.csv", ColumnOptions(), on_disk=True)
-    assert isinstance(on_disk.demonstrations, rpil.Dataset)
-    for rule in ("rest", "openpi"):
-        np.testing.assert_array_equal(
-            rpil.idle_rows(on_disk.demonstrations, rule), rpil.idle_rows(demonstrations, rule)
-        )
-    labels = {("a, b", 1, 5): "bad"}
-    one, other = rpil.audit("a.csv", labels=labels), rpil.audit(on_disk, labels=labels)
-    assert one.ranges(idle) == other.ranges(idle)
-    found = other.segments(on_disk.demonstrations)
-    np.testing.assert_array_equal(one.segments(demonstrations).start, found.start)
 
 
 def test_rows_to_keep_become_demonstrations_of_their_own(data):

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpil.segments.find import find_segments
-from rpil.segments.kinds import Segments
-from rpil.segments.settings import SegmentSettings
-from rpil.segments.taught import marked, taught
+from rpil.segments.find import SegmentSettings, find_segments, marked, taught
+from rpil.segments.ranges import Segments
 from worlds.tidying import tidied
 
 
@@ -26,6 +24,8 @@ def segments(n=40):
         ((0, 2, 20, True), [1, 1]),
         ((0, 12, 14, False), [0, -1]),
         ((0, 6, 13, True), [1, 0]),
+        ((0, 5, 15, True), [1, 1]),
+        ((0, 3, 4, True), [1, 0]),
         ((1, 0, 10, True), [0, 0]),
     ],
 )

@@ -11,9 +11,9 @@ import pytest
 from scipy import stats
 
 from problems import refused
-from rpil.data.errors import DataError, MissingExtraError
-from rpil.simulation.experts import expert
-from rpil.simulation.rollouts import Returns, make, record, rollout
+from rpil.data.errors import MissingExtraError
+from rpil.simulation.rollouts import Returns, record, rollout
+from rpil.simulation.simulate import expert
 
 ENVIRONMENTS = ["MountainCar-v0", "Acrobot-v1", "LunarLander-v3"]
 
@@ -67,13 +67,6 @@ def test_episodes_of_one_run_start_differently_and_do_not_depend_on_how_many_the
     np.testing.assert_array_equal(few, many[:3])
     starts = {episode.observations[0].tobytes() for episode in record(driver, "MountainCar-v0", n_episodes=12, seed=5)}
     assert len(starts) == 12
-
-
-def test_one_predict_per_time_step_with_finished_episodes_dropped():
-    policy = Always(1)
-    lengths = [len(episode.actions) for episode in record(policy, "CartPole-v1", n_episodes=20, seed=0)]
-    assert len(set(lengths)) > 1
-    assert policy.batches == [sum(length > t for length in lengths) for t in range(max(lengths))]
 
 
 def test_interval_is_students():
@@ -136,11 +129,3 @@ def test_missing_gymnasium_and_physics_engine_name_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "gymnasium", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'rpil\[gym\]'"):
         rollout(Always(0), "CartPole-v1", n_episodes=1, seed=0)
-
-
-def test_what_is_missing_is_named(tmp_path, monkeypatch):
-    (tmp_path / "own_worlds.py").write_text("import missing_module")
-    monkeypatch.syspath_prepend(tmp_path)
-    for env_id, kind in (("own_worlds:Own-v0", "ModuleNotFoundError"), ("Nowhere-v0", "NameNotFound")):
-        with pytest.raises(DataError, match=rf"^Gymnasium cannot make '{env_id}' \({kind}: "):
-            make(env_id)

@@ -71,13 +71,6 @@ def assert_fills_the_box(actions):
     assert abs(np.corrcoef(actions.T)[0, 1]) < 4 / np.sqrt(len(actions))
 
 
-def test_corrupted_draws_from_the_whole_box_whatever_the_expert_did(continuous):
-    _, actions = spoil("corrupted", continuous)
-    assert_fills_the_box(actions)
-    for ours, theirs in zip(actions.T, continuous[1].T, strict=True):
-        assert abs(np.corrcoef(ours, theirs)[0, 1]) < 4 / np.sqrt(N)
-
-
 def test_flip_mirrors_a_box_at_its_middle(continuous):
     _, actions = spoil("flip", continuous)
     np.testing.assert_allclose(actions[:, 0], -continuous[1][:, 0])

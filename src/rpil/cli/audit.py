@@ -26,6 +26,7 @@ from rpil.cli.options import (
     with_options,
 )
 from rpil.cli.terminal import THEN_RUN, fit, line_width, print_lines, show_stages, table_lines
+from rpil.data.files import check_outputs
 from rpil.data.text import MAX_LISTED_NAMES, listed, printable
 from rpil.results.vocabulary import PLURALS, SIDES, short_id
 
@@ -66,15 +67,7 @@ if TYPE_CHECKING:
 @format_option
 @with_options(*SEGMENT_OPTIONS, faults_option, *JUDGE_OPTIONS)
 @click.pass_context
-def audit(
-    ctx: click.Context,
-    /,
-    file: str,
-    all_rows: bool,
-    form: str,
-    fail_on: str | None,
-    **options: Value,
-) -> int:
+def audit(ctx: click.Context, /, file: str, all_rows: bool, form: str, fail_on: str | None, **options: Value) -> int:
     """Print which demonstrations to look at first, and which differ from the rest or are bad.
 
     It fits no final policy; rpil fit does, with the same verdicts.
@@ -89,7 +82,7 @@ def audit(
     with show_stages(bool(options["quiet"])) as progress:
         given = RunOptions.of(options)
         files = (path for title, path in outputs.items() if title != "annotate")
-        commands.check_paths((file, given.labels, given.reference, *given.columns.files), *files)
+        check_outputs((file, given.labels, given.reference, *given.columns.files), files)
         if outputs["annotate"] is not None:
             from rpil.formats.registry import find
 
@@ -106,7 +99,7 @@ def audit(
         click.echo(terminal.to_json(of_data | result.to_dict() | beside, "audit"))
     elif form != "text":
         from rpil.cli import exchange
-        from rpil.results.overview import headline
+        from rpil.results.result import headline
 
         found = [*exchange.of_audit(result), *exchange.of_faults(faults.findings)]
         click.echo(exchange.written(form, found, file, "rpil audit", headline(result)))
@@ -148,7 +141,7 @@ def print_audit(
 ) -> None:
     """Print what to look at first, the lines of the `head`, the finding, recording `faults`, the table of those to look
     at, notes, and the lines of the `closing`."""
-    from rpil.results.overview import first_sentence, look_first, verdict_sentence
+    from rpil.results.result import first_sentence, look_first, verdict_sentence
 
     width, odd = line_width(), [] if faults is None else odd_lines(faults)
     faulty = () if faults is None else faults.odd
@@ -176,7 +169,7 @@ def head_lines(description: Description) -> list[str]:
 
 def finding_lines(audit: Audit) -> list[str]:
     """The finding, and every doubt."""
-    from rpil.results.overview import headline
+    from rpil.results.result import headline
 
     sentences = headline(audit, N_FOUND), *(f"Doubt: {doubt}" for doubt in audit.doubts)
     return [line for sentence in sentences for line in fit(sentence, line_width(), 2)]
@@ -184,7 +177,7 @@ def finding_lines(audit: Audit) -> list[str]:
 
 def print_finding(audit: Audit) -> None:
     """Print the finding, the doubts, and how many demonstrations have which verdict."""
-    from rpil.results.overview import verdict_sentence
+    from rpil.results.result import verdict_sentence
 
     print_lines([*finding_lines(audit), verdict_sentence(audit)])
 

@@ -8,16 +8,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rpil.cli import commands, terminal
-from rpil.cli.options import (
-    COLUMN_OPTIONS,
-    OutputFile,
-    format_option,
-    pop_columns,
-    quiet_option,
-    with_options,
-)
+from rpil.cli.options import COLUMN_OPTIONS, OutputFile, format_option, pop_columns, quiet_option, with_options
 from rpil.cli.terminal import show_stages
 from rpil.data.errors import DataError
+from rpil.data.files import check_outputs
 from rpil.data.text import MAX_IDS, listed, printable
 
 if TYPE_CHECKING:
@@ -37,12 +31,7 @@ MAX_FINDINGS = 30
     metavar="FILE",
     help="Leave out these expected findings: JSON of rule to a list of ids.",
 )
-@click.option(
-    "-o",
-    "--output",
-    type=OutputFile(".csv", ".parquet", ".json"),
-    help="Also write a row for each finding.",
-)
+@click.option("-o", "--output", type=OutputFile(".csv", ".parquet", ".json"), help="Also write a row for each finding.")
 @click.option("--fail-on", metavar="RULE[,RULE]|broken|suspect|any", help=FAIL_ON)
 @click.option("--fps", type=click.FloatRange(0, min_open=True), help="Frames a second, if the recording does not say.")
 @click.option("--video", is_flag=True, help="Also check the videos of a LeRobot folder; needs the extra video.")
@@ -56,7 +45,7 @@ def check(
 
     Rules compare each demonstration with the others; no model is fitted. docs/faults.md describes each rule.
     """
-    commands.check_paths((file, expected), output)
+    check_outputs((file, expected), [output])
     with show_stages(quiet) as progress:
         from rpil.faults.checking import check as find_faults
         from rpil.faults.report import read_expected

@@ -22,7 +22,6 @@ import click
 from rpil.cli.options import RunOptions, command_words
 from rpil.cli.terminal import LOADING, StageProgress, print_warnings, to_one_line
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.files import StrPath
 from rpil.data.text import MAX_LISTED_NAMES, printable
 from rpil.results.vocabulary import PLURALS, SIDES
 
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
     from rpil.results.choice import Asked, Choice
     from rpil.results.html.page import About
     from rpil.results.record import Audit
-    from rpil.segments.kinds import Segments
+    from rpil.segments.ranges import Segments
 
 
 _OF_STREAMS = errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF  # of stdout and stderr, without a name
@@ -82,18 +81,6 @@ def _exit_with_error(sentence: str, code: int = 2) -> NoReturn:
     sys.exit(code)
 
 
-def check_paths(inputs: Iterable[StrPath | None], *outputs: StrPath | None) -> None:
-    """A `DataError`, before any work, where an output cannot be written, or is or joins an input."""
-    from rpil.data import files
-
-    given, tables = list(inputs), []
-    if any(path and os.path.isdir(path) for path in given):  # else the import of all formats, which is slow, can wait
-        from rpil.formats.registry import suffixes
-
-        tables = suffixes()
-    files.check_outputs(given, outputs, tables)
-
-
 def open_recording(
     file: str, columns: ColumnOptions, progress: StageProgress, on_disk: bool | None = None
 ) -> Recording:
@@ -140,8 +127,7 @@ class AuditRun:
     @cached_property
     def ranges(self) -> dict[str, list[tuple[int, int]]]:
         """The rows to keep, by the keys of the pattern."""
-        from rpil.segments.idle import idle_rows
-        from rpil.segments.ranges import keys_of
+        from rpil.segments.ranges import idle_rows, keys_of
 
         rule: Literal["rest", "openpi"] = "openpi" if self.idle == "openpi" else "rest"
         dropped = None if self.idle == "keep" else idle_rows(self.recording.demonstrations, rule)
@@ -171,10 +157,8 @@ def judge(file: str, given: RunOptions, progress: StageProgress) -> AuditRun:
             raise DataError(f"{reference}: the reference is the data themselves; give other demonstrations.")
         beside = open_recording(reference, replace(columns, only=(), without=()), progress, False)
     progress(LOADING)
-    from rpil.estimators.auditing import JUDGE_FEATURES, audit_recording
-    from rpil.estimators.pipeline import FitOptions
-    from rpil.estimators.settings import Settings
-    from rpil.estimators.within_tasks import Statements
+    from rpil.estimators.pipeline import FitOptions, Settings
+    from rpil.estimators.within_tasks import JUDGE_FEATURES, Statements, audit_recording
 
     stated, ctx = Statements.of(recording, given.labels, None, reference=beside), click.get_current_context()
     features = JUDGE_FEATURES if given.features == "auto" else given.features  # no policy is kept
@@ -285,9 +269,7 @@ def about(run: AuditRun) -> About:
     )
 
 
-def choice_asked(
-    options: RunOptions, report: FaultReport | None, share: float | None = None, at_least: float | None = None
-) -> Asked:
+def choice_asked(options: RunOptions, report: FaultReport | None, share: float | None = None) -> Asked:
     """The choice that a user asks for; a line on stderr where a named rule could not be applied."""
     from rpil.results.choice import Asked
 
@@ -295,7 +277,7 @@ def choice_asked(
     for rule in filter(unknown.__contains__, options.without_faults):
         click.echo(f"note: --without-faults: {rule} was not checked, because {unknown[rule]}.", err=True)
     faulty = {str(fault.id) for fault in faults if fault.rule in options.without_faults}
-    return Asked(share, at_least, faulty)
+    return Asked(share, faulty)
 
 
 def tell_if_too_many(audit: Audit, limit: str) -> int:

@@ -10,7 +10,7 @@ from scipy.stats import bootstrap, spearmanr
 
 from rpil import formats
 from rpil.data.files import StrPath
-from rpil.estimators.auditing import audit
+from rpil.estimators.within_tasks import audit
 from rpil.numerics.types import Array, Float
 from rpil.results.html.page import About, write_page
 

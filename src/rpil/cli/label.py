@@ -22,14 +22,14 @@ from rpil.cli.audit import print_finding
 from rpil.cli.options import LABEL_OPTIONS, LABELS_FILE, RunOptions, Value, command_words, with_options
 from rpil.cli.terminal import show_stages
 from rpil.data.errors import DataError
-from rpil.data.files import is_dangling
-from rpil.data.json_files import LARGEST_TABLE, read_json
+from rpil.data.files import check_outputs, is_dangling
+from rpil.data.memory import LARGEST_TABLE, read_json
 from rpil.data.text import counted
 
 if TYPE_CHECKING:
     from rpil.cli.questions.server import Review
     from rpil.cli.questions.session import Session
-    from rpil.data.json_files import Parsed
+    from rpil.data.memory import Parsed
     from rpil.results.html.page import View
     from rpil.results.record import Audit
 
@@ -48,7 +48,7 @@ def begin(file: str, options: dict[str, Value], most: int | None) -> tuple[comma
     `most` questions about it."""
     given = RunOptions.of(options)
     path = given.labels or LABELS_FILE
-    commands.check_paths((file, *given.columns.files), path)
+    check_outputs((file, *given.columns.files), [path])
     if Path(path).suffix.lower() != ".csv":
         raise DataError(f"{path}: answers are read from and written to CSV (id,label) here; give another --labels.")
     if is_dangling(path):
@@ -152,8 +152,7 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
     The page asks the questions of rpil label. It writes each answer at once to labels.csv, or the file of --labels,
     and a run goes on where the last one ended. No other computer can open the page. Ctrl-C ends it.
     """
-    from rpil.cli.questions.security import Gate
-    from rpil.cli.questions.server import application, listen, load_server, serve
+    from rpil.cli.questions.server import Gate, application, listen, load_server, serve
 
     load_server()
     with listen(port or 0) as listening, TemporaryDirectory(prefix="rpil-") if browser else nullcontext() as folder:
@@ -174,8 +173,8 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
 
 def _review(ctx: click.Context, run: commands.AuditRun, session: Session, quiet: bool) -> Review:
     """State that the page shows and changes."""
-    from rpil.cli.questions.material import EpisodeVideos
     from rpil.cli.questions.server import Review
+    from rpil.cli.questions.session import EpisodeVideos
 
     with show_stages(quiet) as progress:
         run = replace(run, faults=commands.look_for_faults(run.recording, progress))
@@ -210,7 +209,7 @@ def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given:
     beside = {title: f"{Path(session.path).with_suffix('')}-{name}" for title, name in BESIDE.items()}
     for path in filter(os.path.islink, beside.values()):
         raise DataError(f"{path}: it is a link, and no review writes where a link leads; remove it.")
-    commands.check_paths((run.source, session.path, *run.recording.options.files), *beside.values())
+    check_outputs((run.source, session.path, *run.recording.options.files), beside.values())
     before = _run_of(beside["keep"], run.audit)
     for path in beside.values():
         if os.path.exists(path) and not (before and before in Path(path).read_bytes()):

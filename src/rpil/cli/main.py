@@ -30,6 +30,7 @@ from rpil.cli.options import (
 )
 from rpil.cli.terminal import LOADING, print_lines, show_stages
 from rpil.data.errors import DataError
+from rpil.data.files import check_outputs
 from rpil.data.text import counted
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ def info(ctx: click.Context, /, file: str, form: str, table: bool, **options: An
 def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     """Learn a policy from the demonstrations that can be trusted."""
     run = RunOptions.of(options)
-    commands.check_paths((file, run.labels, *run.columns.files), output)
+    check_outputs((file, run.labels, *run.columns.files), [output])
     with show_stages(run.quiet) as progress:
         recording = commands.open_recording(file, run.columns, progress)
         progress(LOADING)
@@ -125,30 +126,18 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
 )
 @click.option("--share", metavar="S", type=click.FloatRange(0, 1, min_open=True), help="Keep this share, as .8.")
 @click.option(
-    "--at-least", metavar="P", type=click.FloatRange(0, 1), help="Keep those with a probability of P or more."
-)
-@click.option(
     "--verdicts",
     type=click.Path(),
     metavar="FILE",
-    help="Judge nothing, and keep by this file: the table of rpil audit --verdicts, the list of --keep, or labels.",
+    help="Judge nothing, and keep by this file: the CSV of rpil audit --verdicts, the list of --keep, or labels.",
 )
 @with_options(faults_option, *JUDGE_OPTIONS)
-def keep(
-    file: str,
-    output: str,
-    share: float | None,
-    at_least: float | None,
-    verdicts: str | None,
-    **options: Any,
-) -> None:
+def keep(file: str, output: str, share: float | None, verdicts: str | None, **options: Any) -> None:
     """Write the kept demonstrations to a new file of the same format; or, to ids.json, their list.
 
     It rejects those that you label bad and those with an outcome of 0. After two answers that contrast, it also
-    rejects those that the audit calls bad. --share and --at-least choose by the ranking or P instead.
+    rejects those that the audit calls bad. --share chooses by the ranking instead.
     """
-    if share is not None and at_least is not None:
-        raise click.UsageError("--share and --at-least exclude each other: leave one out")
     from rpil.formats.registry import find
 
     source, given = find(file), RunOptions.of(options)
@@ -161,13 +150,13 @@ def keep(
         if verdicts is None:
             run = commands.judge(file, given, progress)
             read, known = run.recording, run.audit.answers.once(run.audit.copy_of)
-            waits = run.audit.anchor != "named adversary" and share is at_least is None and not known.contrast
+            waits = run.audit.anchor != "named adversary" and share is None and not known.contrast
             table: Table = run.audit.table()
         else:
             read = commands.open_recording(file, replace(given.columns, allow_missing=True), progress)
             table, named = verdicts_about(verdicts, read.demonstrations.ids, read.ids)
         faults = commands.look_for_faults(read, progress, True, given.without_faults) if given.without_faults else None
-        asked = commands.choice_asked(given, faults, share, at_least)
+        asked = commands.choice_asked(given, faults, share)
         choice = choose(table, asked)
         if not choice.kept:
             judged_by = f"the verdicts of {verdicts}" if verdicts else "the audit"
@@ -205,9 +194,10 @@ def convert(file: str, output: str, ranges: str | None, quiet: bool, **options: 
     operator = columns.operator
     with show_stages(quiet) as progress:
         from rpil import formats
+        from rpil.formats.registry import writer_of
 
-        formats.writer_of(output)
-        commands.check_paths((file, operator, ranges), output)
+        writer_of(output)
+        check_outputs((file, operator, ranges), [output])
         recording = commands.open_recording(file, columns, progress)
         demonstrations = recording.demonstrations.select(slice(None))  # in memory
         ids = [*map(str, demonstrations.ids)]
@@ -234,7 +224,7 @@ def convert(file: str, output: str, ranges: str | None, quiet: bool, **options: 
 @quiet_option
 def demo(output: str, seed: int, quiet: bool) -> None:
     """Audit real people who play a cooking game, and compare the ranking with their score."""
-    commands.check_paths((), output)
+    check_outputs((), [output])
     with show_stages(quiet) as progress:
         from rpil.cli.demo import run
 

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 import click
 
 from rpil.data.errors import shortened
-from rpil.data.json_files import finite
+from rpil.data.memory import finite
 from rpil.data.text import printable
 
 NUMBER = re.compile(r"([-+]?[\d,.]+(e[-+]\d+)?)?")

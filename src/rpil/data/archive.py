@@ -22,11 +22,9 @@ import numpy as np
 from numpy.lib import format as npy
 
 from rpil.data.arrays import as_array
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_readable, replacing
-from rpil.data.guard import guarded
-from rpil.data.json_files import LARGEST_TABLE, parse
-from rpil.data.memory import check_memory
+from rpil.data.memory import LARGEST_TABLE, check_memory, parse
 from rpil.numerics.regression import ErrorSettings
 from rpil.numerics.types import Array
 

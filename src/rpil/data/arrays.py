@@ -137,8 +137,7 @@ def action_kind(
         if n_classes > (MAX_CLASSES if n_steps >= 2 * n_classes else FEW_CLASSES):
             raise DataError(
                 f"{where}: the action takes {n_classes:,} different texts in {n_steps:,} steps, too many to compare; "
-                "name a column of classes, or, if they are classes, give <option> discrete.",
-                "action_kind",
+                "name a column of classes, or, if they are classes, give --action-kind discrete."
             )
         return "discrete", f"{n_classes:,} different texts"
     if n_classes > MAX_CLASSES:
@@ -254,8 +253,7 @@ def check_finite(
     m = int(np.searchsorted(offsets, row, side="right")) - 1
     raise DataError(
         f"{where}, demonstration {ids[m]!r}, step {row - offsets[m]}: {columns[column]} is {values[row, column]}; "
-        "repair the value, leave the demonstration out, or read with <option>.",
-        "skip_bad",
+        "repair the value, leave the demonstration out, or read with --skip-bad."
     )
 
 

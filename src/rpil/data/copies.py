@@ -1,4 +1,4 @@
-"""Copies: demonstrations whose observations and actions are the same, bit for bit.
+"""Digests: demonstrations whose observations and actions are the same, bit for bit, and the identity of a run.
 
 A copy is no second witness. So the judge reads one of each set of copies, and what it says of that one holds for all.
 """
@@ -6,6 +6,7 @@ A copy is no second witness. So the judge reads one of each set of copies, and w
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -96,3 +97,18 @@ def digests(
         own.update(actions[start:end].tobytes())
         found.append(own.digest())
     return np.array(found, dtype="S16")
+
+
+RUN_KEY = "rpil.run"
+"""Key of the run id among the metadata of a Parquet file."""
+
+
+def run_id(ids: Sequence[object], offsets: Array, log_odds: Array) -> str:
+    """Twelve hexadecimal digits, a digest of the ids, lengths and log-odds of the M demonstrations.
+
+    It depends on the answer and not on the time, so that the same data, options and seed give the same files.
+    """
+    digest = hashlib.sha256("\0".join(map(str, ids)).encode("utf-8", "surrogatepass"))
+    for values in (np.asarray(offsets, np.int64), np.asarray(log_odds, np.float64)):
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()[:12]

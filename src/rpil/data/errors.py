@@ -1,37 +1,40 @@
-"""The errors that users meet; each message is one sentence that names the place and the remedy."""
+"""The errors that users meet; each message is one sentence that names the place and the remedy.
+
+`guarded` is the one guard around all that reads files of others: whatever a library raises there becomes one sentence.
+"""
 
 from __future__ import annotations
 
+import errno
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
 _QUOTE = re.compile(r"""((?:--[\w-]{1,40}|rpil \w{1,20}) )?(?<![\w=])(['"])((?:\\.|(?!\2)[^\\])*)(\2?)""", re.DOTALL)
+_OPTION = re.compile(r"(?<!\S)--([a-z]+(?:-[a-z]+)?)\b")  # within a sentence
 
 
 class DataError(ValueError):
     """Bad input: one sentence naming the file or array, the demonstration and the remedy; see `shortened`.
 
-    Where the remedy is an option, or several, ``<option>`` stands in their places in the sentence: the message names an
-    argument of Python, and `in_shell` an option of the command.
+    Options in it are those of the command, as `in_shell` shows them; the message names arguments of Python.
     """
 
-    def __init__(self, sentence: str, option: str | Sequence[str] = ()) -> None:
-        options = [option] if isinstance(option, str) else option
-        super().__init__(_spelt(sentence, (f"{name}={'True' * (name == 'skip_bad')}" for name in options)))
-        in_shell = sentence.replace("<option>'", "<option> '")  # a value follows
-        self.in_shell = _spelt(in_shell, (f"--{name.replace('_', '-')}" for name in options))
+    def __init__(self, sentence: str) -> None:
+        self.in_shell = sentence = shortened(sentence)
+        is_command = "rpil " in sentence  # which is to be copied
+        super().__init__(sentence if is_command else _OPTION.sub(_as_argument, sentence))
+
+
+def _as_argument(option: re.Match[str]) -> str:
+    name = option[1].replace("-", "_")
+    return f"{name}={'True' * (name == 'skip_bad')}"
 
 
 class DamagedError(DataError):
     """Bad input because of what is in a file; another file beside it may be sound."""
-
-
-def _spelt(sentence: str, options: Iterable[str]) -> str:
-    for option in options:
-        sentence = sentence.replace("<option>", option, 1)
-    return shortened(sentence)
 
 
 def shortened(sentence: str) -> str:
@@ -58,3 +61,42 @@ def optional(module: str, feature: str, extra: str) -> Any:
         return import_module(module)
     except ImportError as error:
         raise MissingExtraError(feature, extra) from error
+
+
+_OF_WRITING = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+_OF_SYSTEM = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN, errno.EINTR, errno.ECHILD)
+_LONGEST = 100  # characters of a foreign error
+
+
+@contextmanager
+def guarded(
+    where: object, fault: str = "it cannot be read", remedy: str = "it is damaged or of another form, write it again"
+) -> Iterator[None]:
+    """Let nothing but a `DataError` of one sentence leave the block, which reads `where`.
+
+    A `MissingExtraError`, a warning and an interruption pass, and so does an error of writing, such as a full disk: it
+    is no fault of what is read, and `rpil.data.files.replacing` names the output. Where the system lacks something,
+    such as memory or file handles, the sentence says so, and not the `fault`.
+    """
+    try:
+        yield
+    except (DataError, MissingExtraError, Warning):
+        raise
+    except MemoryError as error:
+        raise DataError(f"{where}: reading it needs more memory than is free; read less of it.") from error
+    except Exception as error:  # damaged files make libraries raise errors of very many types
+        if isinstance(error, OSError) and error.errno in _OF_WRITING:
+            raise
+        is_own = type(error).__module__ == OSError.__module__  # FFmpeg has errors of these names for damaged videos
+        if is_own and isinstance(error, OSError) and error.errno in _OF_SYSTEM:
+            raise DataError(f"{where}: the system could not read it ({in_words(error)}); try again.") from error
+        if is_own and isinstance(error, PermissionError):
+            raise DataError(f"{error.filename or where}: it may not be read; change its permissions.") from error
+        raise DamagedError(f"{where}: {fault} ({in_words(error)}); {remedy}.") from error
+
+
+def in_words(error: BaseException) -> str:
+    """The type of an error and the beginning of its message, printable and without a full stop."""
+    text = "".join(sign if sign.isprintable() else " " for sign in str(error))
+    text = " ".join(text.split()).replace(". ", ", ")[:_LONGEST].rstrip(" .")
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -118,21 +118,16 @@ def new_folder(path: StrPath) -> Iterator[Path]:
         yield temporary
 
 
-def check_outputs(inputs: Iterable[StrPath | None], outputs: Iterable[StrPath | None], data: Collection[str]) -> None:
-    """A `DataError`, before any work, naming an output that cannot be written, is named twice, or is or joins an input.
-
-    An input may be a folder: then a file in the folder with one of the extensions of `data` joins it.
-    """
-    sources = [Path(os.path.abspath(path)).resolve() for path in inputs if path]
-    taken = set(sources)
+def check_outputs(inputs: Iterable[StrPath | None], outputs: Iterable[StrPath | None]) -> None:
+    """A `DataError`, before any work, naming an output that cannot be written, is named twice, or lies in an input."""
+    taken = {*(sources := [Path(path).resolve() for path in inputs if path])}
     for path in (path for path in outputs if path is not None):
         place = check_writable(path).resolve()
         if place in taken:
             raise DataError(f"{path}: it is named twice in the command; give every file a name of its own.")
         taken.add(place)
-        for source in sources:
-            if place.suffix.lower() in data and source.is_dir() and source in place.parents:
-                raise DataError(f"{path}: it would join the data in {source}; write it to another folder.")
+        if inside := [source for source in sources if source in place.parents]:
+            raise DataError(f"{path}: it would join the data in {inside[0]}; write it to another folder.")
 
 
 _DATA = ("data", "meta")

@@ -12,12 +12,10 @@ from typing import Any, Literal, NamedTuple, cast, get_args
 
 import numpy as np
 
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
-from rpil.data.guard import guarded
-from rpil.data.json_files import LARGEST_TABLE, read_text
-from rpil.data.names import EPISODE, quoted
-from rpil.data.text import from_cell, to_cell
+from rpil.data.memory import LARGEST_TABLE, read_text
+from rpil.data.text import EPISODE, from_cell, quoted, to_cell
 from rpil.numerics.types import Array, Int
 
 Label = Literal["good", "bad"]
@@ -67,21 +65,13 @@ _OF_ROWS = {"start", "end", "from", "to", "begin", "stop", "start_row", "end_row
 _EXTENSIONS = (".csv",)
 
 
-def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what: str, option: str = "") -> None:
+def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what: str) -> None:
     """A `DataError` naming the first `names` that are no ids, compared as text, and `what` is to be corrected."""
     texts = dict.fromkeys(map(str, ids))
     unknown = [str(name) for name in names if str(name) not in texts]
     if unknown:
         wrong, right = quoted(unknown, 5), quoted(texts, 5)
-        raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct {what}.", option)
-
-
-def read_labels(path: StrPath) -> dict[str, Label]:
-    """The labels alone of a file that `read_answers` reads; a `DataError` as there, and where it has none."""
-    labels, _ = read_answers(path)
-    if not labels:
-        raise DataError(f"{Path(path).name}: it labels no demonstration; give at least one id and label.")
-    return labels
+        raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct {what}.")
 
 
 def read_answers(path: StrPath) -> tuple[dict[str, Label], Pairs]:

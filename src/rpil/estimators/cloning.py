@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -16,17 +17,65 @@ from threadpoolctl import threadpool_limits
 from rpil.data.arrays import ActionKind, are_whole
 from rpil.data.demonstrations import Demonstrations, DemonstrationSet
 from rpil.data.errors import DataError
+from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space, action_space, encode_actions
-from rpil.estimators.final_policy import LinearPolicySpec
 from rpil.formats import read
 from rpil.formats.format import Frame
 from rpil.numerics.types import Array
-from rpil.policies.features import FeatureMap
-from rpil.policies.linear import LinearPolicy
+from rpil.policies.features import FeatureMap, ridge_of
+from rpil.policies.linear import LinearPolicy, linear_policy
+from rpil.policies.selection import FeatureChoice, choose_features
 from rpil.policies.settings import SelectionSettings
 
 if TYPE_CHECKING:
     from rpil.estimators.task import Features, FinalPolicy
+
+
+SINGLE_PRECISION_ENTRIES = 1_000_000
+"""Entries of a design matrix above which it is in single precision: it no longer fits in the cache."""
+
+_SINGLE_PRECISION_TOL = 1e-6
+
+
+@dataclass(frozen=True)
+class LinearPolicySpec:
+    """A linear policy and how far to fit it."""
+
+    features: str
+    """A kind of features, or "auto"."""
+    C: float | None
+    """Inverse ridge strength, as in scikit-learn's `LogisticRegression`."""
+    tol: float
+    """Largest entry of the gradient, a step, at which the fit stops."""
+    selection: SelectionSettings
+    min_feature_weight: float = 0.0
+    """See `rpil.estimators.pipeline.Settings`."""
+
+    def choice(self, data: Demonstrations, codes: Array, weight: Array, space: Space) -> FeatureChoice:
+        """The features: those asked for, or chosen by held-out steps of `weight` (N,)."""
+        if self.features != "auto":
+            return FeatureChoice(self.features, self.selection.maps.ridge_per_step)
+        return choose_features(FitData(data.observations, codes, data.offsets, space), weight, self.C, self.selection)
+
+    def feature_map(self, choice: FeatureChoice, observations: Array, weight: Array) -> FeatureMap:
+        """The features of the `choice`, fitted to the observations of the trusted steps."""
+        trusted = weight > self.min_feature_weight * min(weight.max(), 1.0)
+        rows, used = observations[trusted], weight[trusted]
+        return FeatureMap.fit(choice.kind, rows, used, choice.ridge, settings=self.selection.maps)
+
+    def fit(self, data: Demonstrations, codes: Array, weight: Array, space: Space) -> tuple[FeatureMap, LinearPolicy]:
+        """The feature map, and the policy fitted to all steps by their `weight` (N,)."""
+        choice = self.choice(data, codes, weight, space)
+        features = self.feature_map(choice, data.observations, weight)
+        ridge = ridge_of(features, self.C, weight.sum(), space)
+        used = weight > 0.0
+        single = bool(used.sum() * features.n_columns > SINGLE_PRECISION_ENTRIES)
+        design = features.design(data.observations[used], single=single)
+        steps = FitData.from_steps(design, codes[used], space)
+        start = linear_policy(space, ridge, weight.sum())
+        tol = max(self.tol, _SINGLE_PRECISION_TOL) if single else self.tol
+        policy, _ = start.fit(steps, weight[used], tol=tol)
+        return features, policy.with_temperature(choice.temperature)
 
 
 ROWS = "rows"
@@ -39,23 +88,6 @@ Given = Demonstrations | Frame | list[object] | Iterator[object]
 def see(estimator: BaseEstimator, X: DemonstrationSet) -> None:
     """Keep the names of the observations."""
     estimator.n_features_in_, estimator.observation_names_ = X.n_observations, X.observation_names
-
-
-def checked_rows(estimator: BaseEstimator, X: ArrayLike) -> Array:
-    """X checked by scikit-learn, (N, D).
-
-    In a rollout a policy predicts a few rows thousands of times, and the check takes longer than the prediction. So an
-    array that plainly passes is returned unchecked; the check returns it unchanged as well.
-    """
-    passes = (
-        type(X) is np.ndarray
-        and X.dtype in (np.float32, np.float64)
-        and X.shape[1:] == (estimator.n_features_in_,)
-        and len(X) > 0
-        and not hasattr(estimator, "feature_names_in_")  # the check warns if it is missing from X
-        and np.isfinite(X).all()
-    )
-    return X if passes else validate_data(estimator, X, reset=False)  # type: ignore[return-value]
 
 
 def as_demonstrations(
@@ -147,7 +179,8 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
 
     def _outputs(self, X: ArrayLike) -> Array:
         check_is_fitted(self)
-        return self.policy_.outputs(self.features_.design(checked_rows(self, X)))
+        rows = cast(Array, validate_data(self, X, reset=False))
+        return self.policy_.outputs(self.features_.design(rows))
 
     def _linear(self) -> tuple[FeatureMap, Array]:
         """The feature map and the weights (F + 1, K) of a linear policy; no other policy has coefficients."""

@@ -64,10 +64,16 @@ def save(estimator: SavedEstimator, path: StrPath) -> None:
             f"{path}: a {error} cannot be saved without pickle; leave it out, or keep the weights of the steps "
             "(rpil audit --weights, or audit_.step_weight) and fit to them again."
         ) from None
+    given, params = estimator.get_params(deep=False), dict[str, Any]()
+    for name in [name for name in given if name not in ("progress", "engine")]:
+        value = given[name]
+        plain = [np.asarray(part).tolist() for part in value] if isinstance(value, list | tuple | np.ndarray) else value
+        with suppress(TypeError):  # those that cannot be encoded are dropped
+            params[name] = encode(plain, f"params/{name}", arrays)
     header = {
         "class": kind,
         "names": {name: [*map(str, getattr(estimator, name))] for name in _NAMES if len(getattr(estimator, name, ()))},
-        "params": _params(estimator, arrays),
+        "params": params,
         "classes": encode(estimator.classes_, "classes", arrays),
         "fitted": fitted,
     }
@@ -90,17 +96,6 @@ def load(path: StrPath) -> SavedEstimator:
     except Exception as error:  # edited values make NumPy and Python raise errors of many types
         raise DataError(f"{path}: its parts do not belong together; fit and save it again.") from error
     return estimator
-
-
-def _params(estimator: SavedEstimator, arrays: dict[str, Array]) -> dict[str, Any]:
-    """The constructor parameters that can be encoded; others are dropped."""
-    params = {}
-    given = estimator.get_params(deep=False)
-    for name, value in ((name, value) for name, value in given.items() if name not in ("progress", "engine")):
-        plain = [np.asarray(part).tolist() for part in value] if isinstance(value, list | tuple | np.ndarray) else value
-        with suppress(TypeError):
-            params[name] = encode(plain, f"params/{name}", arrays)
-    return params
 
 
 def _restore(header: dict[str, Any], decoder: Decoder) -> SavedEstimator:

@@ -13,32 +13,78 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rpil.data.archive import settings_record
 from rpil.data.arrays import Indices, check_squares
 from rpil.data.copies import Copies, copies_among
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
-from rpil.estimators.settings import Settings
 from rpil.estimators.task import Task
 from rpil.inference.answers import check_copied_labels
 from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, HeldOutRidge, HeldOutSoftmax, held_out_model
 from rpil.inference.parts import judged_parts
+from rpil.inference.settings import JudgeSettings
 from rpil.inference.trust import Judgement, judge, repeated
+from rpil.mixture.settings import MixtureSettings
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
-from rpil.results.evidence import COMPARED, by_held_out_policies, deviations
+from rpil.policies.settings import CrossFitSettings, SelectionSettings
+from rpil.results.judged import AuditSettings
 from rpil.results.record import Audit, Interval
 from rpil.results.step_weights import weights_of
-from rpil.results.summary import audit_from_judgement, audit_from_mixture, parts_not_judged
+from rpil.results.summary import (
+    COMPARED,
+    audit_from_judgement,
+    audit_from_mixture,
+    by_held_out_policies,
+    deviations,
+    parts_not_judged,
+)
+from rpil.scale.settings import AscentSettings, SampleSettings
 
 if TYPE_CHECKING:
-    from rpil.estimators.final_policy import LinearPolicySpec
+    from rpil.estimators.cloning import LinearPolicySpec
     from rpil.estimators.task import ActionBox, Features, FinalPolicy
     from rpil.mixture.adversaries.protocol import Adversary
     from rpil.mixture.em import State
     from rpil.policies.cross_fitted import CrossFittedPolicy
     from rpil.scale.protocol import Engine
+
+
+@settings_record(min_feature_weight="[0, 1)", single_precision="[0, inf)")
+class Settings:
+    """Settings of every stage of a fit.
+
+    Examples
+    --------
+    >>> from rpil import RPIL, MixtureSettings, Settings
+    >>> model = RPIL(adversary="uniform", settings=Settings(mixture=MixtureSettings(prior=0.5)))
+    """
+
+    judge_features: str = "auto"
+    """Features of the judge: a kind, or "auto": the kind of the final policy, but "folded" instead of "raw"
+    and "auto". A straight line takes an expert in a rare situation for an adversary.
+    benchmarks/ablations.py ("raw features")."""
+    min_feature_weight: float = 0.5
+    """Weight of a step, divided by 1 or by the largest weight where that is smaller, above which the feature map of the
+    final policy is fitted to it. Chosen by hand, not tuned."""
+    single_precision: int = 50_000
+    """Entries of the observations above which the judge reads discrete actions in single precision. By hand, not tuned.
+    """
+    judge: JudgeSettings = JudgeSettings()
+    mixture: MixtureSettings = MixtureSettings()
+    """Settings of a named adversary: the M-step, and when EM stops; the prior is that of the learner, too."""
+    audit: AuditSettings = AuditSettings()
+    """Settings of verdicts and weights of steps."""
+    selection: SelectionSettings = SelectionSettings()
+    """Settings of feature maps, and of the choice of one where features are "auto"."""
+    cross_fit: CrossFitSettings = CrossFitSettings()
+    """Settings of the folds of an estimator that is given as `policy`."""
+    sample: SampleSettings = SampleSettings()
+    ascent: AscentSettings = AscentSettings()
+    """Settings of the fit of the final policy."""
+
 
 Progress = Callable[[str], None]
 
@@ -68,7 +114,7 @@ class FitOptions:
     @property
     def linear(self) -> LinearPolicySpec:
         """The linear final policy."""
-        from rpil.estimators.final_policy import LinearPolicySpec
+        from rpil.estimators.cloning import LinearPolicySpec
 
         settings = self.settings
         return LinearPolicySpec(

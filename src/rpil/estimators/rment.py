@@ -28,8 +28,7 @@ from threadpoolctl import threadpool_limits
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.estimators.cloning import PolicyEstimator, as_demonstrations
-from rpil.estimators.final_policy import LinearPolicySpec
+from rpil.estimators.cloning import LinearPolicySpec, PolicyEstimator, as_demonstrations
 from rpil.estimators.task import Task
 from rpil.numerics.parallel import in_parallel
 from rpil.numerics.types import Array

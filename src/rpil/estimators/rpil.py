@@ -10,15 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rpil.data.files import StrPath
-from rpil.data.fit_data import DemonstratorNames
-from rpil.data.recorded_facts import Outcome
+from rpil.data.fit_data import DemonstratorNames, Outcome
 from rpil.estimators.cloning import Given, PolicyEstimator, as_demonstrations, see
-from rpil.estimators.pipeline import FitOptions, FitResult, final_policy
-from rpil.estimators.settings import Settings
+from rpil.estimators.pipeline import FitOptions, FitResult, Settings, final_policy
 from rpil.estimators.task import ActionBox, Labels, Task, answers_of
 from rpil.estimators.within_tasks import Statements, fit_task, fit_within_tasks
 from rpil.formats.columns import Names
-from rpil.formats.dataset import Dataset
+from rpil.formats.format import Dataset
 from rpil.formats.recording import Recording
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State

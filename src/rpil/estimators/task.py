@@ -16,7 +16,15 @@ from numpy.typing import ArrayLike
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
-from rpil.data.fit_data import DemonstratorNames, Demonstrators, FitData, group_by_demonstrator
+from rpil.data.fit_data import (
+    DemonstratorNames,
+    Demonstrators,
+    FitData,
+    Outcome,
+    given_outcome,
+    group_by_demonstrator,
+    tells,
+)
 from rpil.data.id_values import (
     check_ids,
     label_codes,
@@ -26,10 +34,9 @@ from rpil.data.id_values import (
     parse_marks,
     read_answer_rows,
 )
-from rpil.data.recorded_facts import Outcome, given_outcome, tells
 from rpil.data.spaces import Space, action_space, encode_actions
 from rpil.formats.columns import Names
-from rpil.formats.dataset import Dataset
+from rpil.formats.format import Dataset
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array, Float
 

@@ -15,9 +15,8 @@ import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations, DemonstrationSet
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath
-from rpil.data.guard import guarded
 from rpil.faults import recorded, settings
 from rpil.faults.measured_columns import MovingBlock, column_labels, set_aside
 from rpil.faults.report import ALL, RULES, FaultReport
@@ -25,8 +24,7 @@ from rpil.faults.rule import ComparingRule, Fault, Grouping, Learned, Measure, M
 from rpil.faults.whole_rules import Duplicate, Length, OtherLag, trims
 from rpil.formats import ReadOptions, opened
 from rpil.formats.columns import ColumnOptions, check_options
-from rpil.formats.dataset import Dataset
-from rpil.formats.format import Frame
+from rpil.formats.format import Dataset, Frame
 from rpil.formats.metadata import Times
 from rpil.formats.recording import Recording
 from rpil.formats.registry import find_format
@@ -120,7 +118,7 @@ def _check_files(
     """Faults in the files beside the demonstrations, and the rules that need a look at videos, without one."""
     read = recording if isinstance(recording, Recording) and recording.find_defects else None
     if video and not (read and read.description.format.startswith("LeRobot")):
-        raise DataError(f"{demonstrations.source}: <option> is for folders of LeRobot; leave it out.", ("video",))
+        raise DataError(f"{demonstrations.source}: --video is for folders of LeRobot; leave it out.")
     if read is None or read.find_defects is None:
         return [], {}
     unseen = [] if video or not read.origin.metadata.videos else [rule.name for rule in recorded.BY_LOOKING]

@@ -15,7 +15,7 @@ import numpy as np
 
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.faults import settings
-from rpil.formats.dataset import Dataset
+from rpil.formats.format import Dataset
 from rpil.numerics.regression import mean_ranks
 from rpil.numerics.types import Array, Bool, Float, Int
 

@@ -9,13 +9,11 @@ from difflib import get_close_matches
 from functools import cached_property
 
 from rpil.data.arrays import Id
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, check_readable
-from rpil.data.frames import Backend, DataFrame, data_frame
-from rpil.data.guard import guarded
-from rpil.data.json_files import LARGEST_TABLE, read_json
-from rpil.data.text import counted, one_line, printable
-from rpil.faults import command_rules, conventions, motion, recorded, settings, still, whole_rules  # noqa: F401  their rules
+from rpil.data.memory import LARGEST_TABLE, read_json
+from rpil.data.text import DataFrame, counted, data_frame, one_line, printable
+from rpil.faults import conventions, motion, recorded, settings, still, whole_rules  # noqa: F401  their rules
 from rpil.faults.rule import Fault, Grouping, Rule, in_words
 from rpil.formats import write_columns
 
@@ -160,9 +158,9 @@ class FaultReport:
         grades = {"grade": [found.grade for found in self.findings]}
         return {"number": [NUMBERS[found.rule] for found in self.findings]} | grades | columns
 
-    def to_frame(self, backend: Backend | None = None) -> DataFrame:
-        """A data frame of `table`; `backend` as in `rpil.Audit.to_frame`."""
-        return data_frame(self.table(), backend)
+    def to_frame(self) -> DataFrame:
+        """A data frame of `table`, as `rpil.Audit.to_frame` gives one."""
+        return data_frame(self.table())
 
     def write(self, path: StrPath) -> None:
         """Write `table` to a .csv, .parquet or .json file, there a list of objects.

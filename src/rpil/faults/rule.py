@@ -18,10 +18,9 @@ from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.text import counted, duration, listed, moment, one_line, printable
 from rpil.faults import settings
-from rpil.faults.lag import Pair, find_lag
 from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, pilot
-from rpil.faults.tracking import Tracked, are_strangers, find_tracked
-from rpil.formats.dataset import Dataset
+from rpil.faults.tracking import Pair, Tracked, are_strangers, find_lag, find_tracked
+from rpil.formats.format import Dataset
 from rpil.numerics.types import Array, Int
 
 

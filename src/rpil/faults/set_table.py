@@ -12,8 +12,8 @@ import numpy as np
 from rpil.data.demonstrations import Block
 from rpil.data.text import printable
 from rpil.faults import settings
-from rpil.faults.command_rules import CommandRule
 from rpil.faults.measured_columns import MovingBlock, pilot
+from rpil.faults.motion import CommandRule
 from rpil.faults.report import NUMBERS, FaultReport
 from rpil.faults.rule import Learned
 from rpil.faults.still import idle_runs

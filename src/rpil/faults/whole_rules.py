@@ -10,12 +10,11 @@ from rpil.data.arrays import Id
 from rpil.data.copies import Copies, digests
 from rpil.data.text import counted, duration
 from rpil.faults import settings
-from rpil.faults.command_rules import CommandRule
-from rpil.faults.lag import shifts
 from rpil.faults.measured_columns import MovingBlock
-from rpil.faults.motion import Scale
+from rpil.faults.motion import CommandRule, Scale
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, Measurements, Rule, above
 from rpil.faults.still import few, idle_runs
+from rpil.faults.tracking import shifts
 from rpil.numerics.types import Array, Bool, Int
 
 

@@ -15,42 +15,19 @@ import pyarrow as pa
 from numpy.typing import ArrayLike
 
 from rpil.data.arrays import ActionKind, as_array
+from rpil.data.copies import RUN_KEY, run_id
 from rpil.data.demonstrations import SOURCE, Demonstrations
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, replacing
-from rpil.data.guard import guarded
-from rpil.data.id_values import (
-    is_id_file,
-    label_codes,
-    match_demonstrators,
-    read_answers,
-    read_id_pairs,
-    read_labels,
-)
-from rpil.data.json_files import finite
-from rpil.data.memory import Size
-from rpil.data.names import STEP, is_data
-from rpil.data.run import RUN_KEY, run_id
+from rpil.data.id_values import is_id_file, match_demonstrators, read_id_pairs
+from rpil.data.memory import Size, finite
+from rpil.data.text import STEP, is_data
 from rpil.formats import csv, parquet, table
 from rpil.formats.columns import ColumnOptions, Ids, Names, check_options
 from rpil.formats.format import Frame, from_arrow
 from rpil.formats.recording import Recording, from_demonstrations, from_tables
 from rpil.formats.registry import find, writer_of
-from rpil.formats.scan import Description
 from rpil.numerics.types import Array
-
-__all__ = [
-    "ColumnOptions",
-    "Description",
-    "Recording",
-    "label_codes",
-    "read_answers",
-    "read_labels",
-    "write_columns",
-    "write_weights",
-    "writer_of",
-]
-
 
 EXTENSIONS = (".csv", ".parquet", ".json")
 _BLOCK_STEPS = 1_048_576
@@ -75,12 +52,6 @@ class ReadOptions(TypedDict, total=False):
     session: str | None
     split_gap: float | None
     segment: float | None
-
-
-class OpenOptions(ReadOptions, total=False):
-    """All of `ColumnOptions`."""
-
-    outcome: Names
 
 
 def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions]) -> Demonstrations:
@@ -128,7 +99,9 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
     return demonstrations
 
 
-def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpack[OpenOptions]) -> Recording:
+def open(
+    path: StrPath | Frame, *, on_disk: bool | None = None, outcome: Names = (), **columns: Unpack[ReadOptions]
+) -> Recording:
     """Open a recording, to describe, check, audit or keep it.
 
     ``recording.describe()`` is ``rpil info``, ``rpil.check(recording)`` is ``rpil check``, ``recording.keep(ids,
@@ -141,7 +114,7 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
     on_disk : bool, optional
         Leave the demonstrations on disk, as a `Dataset` (a copy in a temporary folder), or read them into memory; by
         default data stay on disk if they take more than `memory`, which is then at most 512 MB by default.
-    **columns
+    outcome, **columns
         As for `rpil.read`, and ``operator``, ``task``, ``session``, ``outcome``: see `ColumnOptions`.
 
     Returns
@@ -160,8 +133,7 @@ def open(path: StrPath | Frame, *, on_disk: bool | None = None, **columns: Unpac
     >>> audit = rpil.RPIL().fit(recording).audit_     # doctest: +SKIP
     """
     check_options(columns)
-    options = ColumnOptions(**columns)
-    return read_recording(path, options, on_disk=on_disk)
+    return read_recording(path, ColumnOptions(outcome=outcome, **columns), on_disk=on_disk)
 
 
 def opened(data: object, options: ColumnOptions) -> Recording:
@@ -252,7 +224,7 @@ def write_weights(
     `expert_proba` and `log_odds` (M,) are repeated for each step of their demonstration. Numbers of the rows that the
     file itself gives, such as ``index``, come with `Recording.step_columns`. A million steps are in memory at a time:
     `step_weight` (N,) may be in a file, and larger than memory. The metadata of a Parquet file hold the
-    `rpil.data.run.run_id`.
+    `rpil.data.copies.run_id`.
 
     Raises
     ------

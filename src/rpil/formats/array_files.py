@@ -13,11 +13,10 @@ import numpy as np
 from rpil.data.archive import Npz, open_npz, write_npz
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import is_hidden, replacing
-from rpil.data.guard import guarded
-from rpil.data.json_files import object_in, read_json
-from rpil.data.names import TASK, is_observation, may_be_outcome, natural_key, plain_name
+from rpil.data.memory import object_in, read_json
+from rpil.data.text import TASK, is_observation, may_be_outcome, natural_key, plain_name
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.containers import ZIP, is_zarr, keep_groups, open_hdf5, open_zarr
@@ -125,7 +124,7 @@ def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
     if several:
         raise DataError(f"{these.source}: {fault} {several[0]} names several; give the path of the file itself.")
     numbers = [m for m, one in arrays.items() if one.shape in ((), (1,)) and one.dtype.kind in "biuf"]
-    facts = {m: np.asarray(arrays[m][...]).item() for m in numbers if may_be_outcome(m)}  # type: ignore[index]
+    facts = {m: np.asarray(arrays[m][...]).item() for m in numbers if may_be_outcome(m)}
     own = {m: one for m, one in arrays.items() if m not in facts or one.shape == (n,)}  # of one step
     closed = {m: Closed(one.shape, one.dtype, partial(_rows, file, m)) for m, one in own.items()}
     return Part(n, closed, {_FILE_NAME: name, **tasks, **ends, **facts}), these.notes
@@ -170,10 +169,7 @@ def _said(attributes: Mapping[str, object], what: str) -> object:
 
 def _rows(file: Path, name: str, rows: slice) -> object:
     """Some rows of an array in a file."""
-    found = _open(file)
-    if name not in found.arrays:
-        raise DataError(f"{found.source}: it has changed while it was read; read it again.")
-    return found.arrays[name][rows]
+    return _open(file).arrays[name][rows]
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from rpil.data.arrays import are_whole, as_names
 from rpil.data.errors import DataError
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
-from rpil.data.names import ACTION_COLUMNS, EPISODE, plain_name
+from rpil.data.text import ACTION_COLUMNS, EPISODE, plain_name
 from rpil.formats.columns import ColumnOptions, as_list
 from rpil.formats.format import StepTables
 from rpil.formats.metadata import Metadata
@@ -120,9 +120,8 @@ class Arrays:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes, in words: the data are of a simulation, and links are not read."""
-        sim = ("Recorded in a simulation.",) if str(self.attributes("").get("sim")) in ("True", "1") else ()
-        return (*sim, *([f"Not read, because they are links: {commas(self.links)}."] if self.links else []))
+        """A note that links are not read."""
+        return (f"Not read, because they are links: {commas(self.links)}.",) if self.links else ()
 
     def groups(self) -> tuple[str, dict[str, Part]]:
         """Where the groups of demonstrations are, and the arrays in each that holds actions, by its name."""

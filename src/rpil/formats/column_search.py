@@ -8,29 +8,20 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 
-from rpil.data import names as spellings
+from rpil.data import text as spellings
 from rpil.data.errors import DataError
-from rpil.data.names import plain_name, quoted, short_name
-from rpil.data.recorded_facts import FILE_SESSION
-from rpil.formats.columns import (
-    LENGTH,
-    STRETCH,
-    TIME_OF_STEP,
-    ColumnOptions,
-    Columns,
-    Names,
-    by_column,
-    check_names,
-)
+from rpil.data.fit_data import FILE_SESSION
+from rpil.data.text import plain_name, quoted, short_name
+from rpil.formats.columns import LENGTH, STRETCH, TIME_OF_STEP, ColumnOptions, Columns, Names, by_column, check_names
 from rpil.formats.table import Kind
 
 *_EPISODE_WORDS, _ID_ALONE = spellings.EPISODE_COLUMNS
 _IDS: tuple[Kind, ...] = ("number", "text", "mixed", "time")
 _ROLES: tuple[tuple[str, Sequence[re.Pattern[str]], tuple[Kind, ...]], ...] = (
-    ("id", _EPISODE_WORDS, (*_IDS, "counter")),
+    ("id", _EPISODE_WORDS, _IDS),
     ("id", [_ID_ALONE], _IDS),
     ("id", [spellings.PARTICIPANT], _IDS),
-    ("order", spellings.ORDER_COLUMNS, ("number", "time", "counter", "text")),
+    ("order", spellings.ORDER_COLUMNS, ("number", "time", "text")),
     ("operator", [spellings.OPERATOR], ("number", "text")),
     ("task", [spellings.TASK], ("number", "text")),
     ("intervention", [spellings.INTERVENTION], ("number",)),
@@ -42,7 +33,6 @@ _REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
     *spellings.NOT_SEEN,
     (spellings.OBSERVATION, ""),
     ("empty", "no values"),
-    ("counter", "number of the row"),
     (spellings.ROW_INDEX, "number of the row"),
     ("time", TIME_OF_STEP),
     *((pattern, TIME_OF_STEP) for pattern in spellings.ORDER_COLUMNS),
@@ -56,7 +46,7 @@ _REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
 )
 """Why a column of this kind, or of a name like this, is no observation, empty where it is one; the first that fits."""
 
-_NUMBERS: tuple[Kind, ...] = ("number", "list", "mixed", "counter")
+_NUMBERS: tuple[Kind, ...] = ("number", "list", "mixed")
 
 
 def find_columns(
@@ -124,7 +114,7 @@ class _Search:
         # What may divide a demonstration, unless its id is named.
         parts: Iterable[str] = () if options.id else (name for name in (*other_ids, operator, task) if name)
         times = [name for name in ignored if name not in self.excluded and self.plain[name] in spellings.TIMESTAMP]
-        times = [name for name in times if self.kinds[name] in ("number", "time", "counter")]
+        times = [name for name in times if self.kinds[name] in ("number", "time")]
         return Columns(
             *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, tuple(parts), operator),
             *(task, by_column(ignored, self.lists), options, tuple(times), session, outcomes),
@@ -158,7 +148,7 @@ class _Search:
             wanted = STRETCH
         if wanted is None:
             what = f"says which demonstration a row is from: name it {spellings.EPISODE[0]}, or name the column"
-            raise self.no_column(what, "id", "split_gap")
+            raise self.no_column(what, "id", ", or end demonstrations at pauses with --split-gap")
         others = [name for name in found if name != wanted]
         self.ignored |= dict.fromkeys(others, "another id")
         return wanted, others
@@ -243,8 +233,8 @@ class _Search:
             hits = self.named(pattern)
             if not hits:
                 close = get_close_matches(pattern, self.names[:10_000], 3) or self.names
-                said = f"no column is called {pattern!r}; correct <option> (found {quoted(close)})"
-                raise DataError(f"{self.source}: {said}.", option)
+                said = f"no column is called {pattern!r}; correct --{option} (found {quoted(close)})"
+                raise DataError(f"{self.source}: {said}.")
             found |= dict.fromkeys(hits)
         return list(found)
 
@@ -265,14 +255,12 @@ class _Search:
         for option, names, others in (("action", actions, [episode]), ("observations", asked, [episode, *actions])):
             for name in (name for name in names if name in others):
                 role = "the id" if name == episode else "part of the action"
-                raise DataError(f"{self.source}: column {name!r} is {role} already; take it out of <option>.", option)
+                raise DataError(f"{self.source}: column {name!r} is {role} already; take it out of --{option}.")
 
-    def no_column(self, what: str, *options: str) -> DataError:
+    def no_column(self, what: str, option: str, more: str = "") -> DataError:
         """The error that no column is what it says; it lists the columns, with the kind of those that are not read."""
         owners = {owner: self.kinds[name] for name, owner in self.owners.items()}
         shown = [(quoted([name]), kind) for name, kind in [*owners.items()][:12]]
         listed = ", ".join(f"{name} ({kind})" if kind in ("nested", "text", "empty") else name for name, kind in shown)
-        more = ", ..." if len(owners) > 12 else ""
-        pauses = ", or end demonstrations at pauses with <option>" if len(options) > 1 else ""
-        said = f"no column {what} with <option> (found {listed}{more}){pauses}"
-        return DataError(f"{self.source}: {said}.", options)
+        listed += ", ..." * (len(owners) > 12)
+        return DataError(f"{self.source}: no column {what} with --{option} (found {listed}){more}.")

@@ -10,10 +10,10 @@ from typing import Literal
 
 from rpil.data.arrays import ActionKind, Id
 from rpil.data.errors import DataError
+from rpil.data.fit_data import FILE_SESSION
 from rpil.data.id_values import is_id_file
 from rpil.data.memory import Size, parse_size
-from rpil.data.names import short_name
-from rpil.data.recorded_facts import FILE_SESSION
+from rpil.data.text import short_name
 
 Names = str | Sequence[str]
 """Names of columns, or patterns such as ``joint_*``; several may stand in one text, with commas between them."""
@@ -87,9 +87,9 @@ class ColumnOptions:
     def __post_init__(self) -> None:
         if self.memory is not None:
             parse_size(self.memory)  # an error where it is none
-        for option, seconds in (("split_gap", self.split_gap), ("segment", self.segment)):
+        for option, seconds in (("--split-gap", self.split_gap), ("--segment", self.segment)):
             if seconds is not None and not 0 < seconds < float("inf"):
-                raise DataError(f"<option> is {seconds}; give a number of seconds, more than 0.", option)
+                raise DataError(f"{option} is {seconds}; give a number of seconds, more than 0.")
 
 
 def check_options(given: Iterable[str]) -> None:

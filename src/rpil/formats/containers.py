@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import re
 import warnings
 import zipfile
@@ -22,11 +21,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rpil.data.errors import DataError, optional
+from rpil.data.errors import DataError, guarded, optional
 from rpil.data.files import check_readable
-from rpil.data.guard import guarded
 from rpil.data.memory import MIB, check_free
-from rpil.data.names import natural_key
+from rpil.data.text import natural_key
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.step_arrays import Closed
@@ -35,8 +33,6 @@ from rpil.numerics.types import Array
 if TYPE_CHECKING:
     import h5py
     import zarr
-
-_WRITE_FAILED = re.compile(r"write failed.*errno = (\d+)", re.DOTALL)  # in the messages of HDF5
 
 _SMALL, _ROOM = 65_536, 64 * MIB
 """Bytes of an array that is read when its shape is asked for, and of all of them in a file."""
@@ -135,7 +131,7 @@ class _FileArray:
 
     def _check_chunks(self, stored: h5py.Dataset) -> None:
         """An error where chunks are missing, or their bytes in the file are more than their values take."""
-        where = f"{os.path.basename(self._file.filename)}: {self._path}"
+        where = f"{Path(self._file.filename).name}: {self._path}"
         grid = [-(-size // step) for size, step in zip(self.shape, stored.chunks or self.shape, strict=True) if step]
         n_chunks, n_bytes = math.prod(grid) if stored.size else 0, stored.id.get_storage_size()
         n_there = stored.id.get_num_chunks() if stored.chunks and n_chunks else int(n_bytes > 0)
@@ -149,30 +145,22 @@ class _FileArray:
 
 
 def keep_groups(path: Path, output: Path, ids: Set[str]) -> None:
-    """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others.
-
-    An `OSError` with its number where the system fails to write it.
-    """
+    """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others."""
     import h5py
 
     source, arrays = open_hdf5(path)
     within, found = arrays.groups()
-    try:
-        with h5py.File(output, "w") as new:
-            dropped = found.keys() - ids
-            _copy(source, new, {"mask", within.strip("/")} if within else {"mask", *dropped})
-            if within:
-                _copy(source[within], new.create_group(within), dropped)
-            if "total" in (about := new[within or "/"].attrs):
-                about["total"] = sum(part.n_steps for name, part in found.items() if name in ids)
-            for key, one in arrays.arrays.items():
-                if key.startswith("mask/") and one.shape:
-                    listed = [name for name in np.asarray(one[:]).tolist() if name.decode() in ids]
-                    new[key] = np.array(listed, dtype="S")
-    except (OSError, RuntimeError) as error:  # of h5py, for the same cause
-        if failed := _WRITE_FAILED.search(str(error)):
-            raise OSError(int(failed[1]), "write failed") from error
-        raise
+    with h5py.File(output, "w") as new:
+        dropped = found.keys() - ids
+        _copy(source, new, {"mask", within.strip("/")} if within else {"mask", *dropped})
+        if within:
+            _copy(source[within], new.create_group(within), dropped)
+        if "total" in (about := new[within or "/"].attrs):
+            about["total"] = sum(part.n_steps for name, part in found.items() if name in ids)
+        for key, one in arrays.arrays.items():
+            if key.startswith("mask/") and one.shape:
+                listed = [name for name in np.asarray(one[:]).tolist() if name.decode() in ids]
+                new[key] = np.array(listed, dtype="S")
 
 
 def _copy(group: h5py.Group, new: h5py.Group, without: Container[str]) -> None:

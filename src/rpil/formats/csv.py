@@ -16,9 +16,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
 
-from rpil.data.errors import DamagedError, DataError
+from rpil.data.errors import DamagedError, DataError, guarded
 from rpil.data.files import replacing
-from rpil.data.guard import guarded
 from rpil.data.memory import MIB, check_memory
 from rpil.data.text import counted, each_text, from_cell, to_cell
 from rpil.formats import table as flat
@@ -78,13 +77,9 @@ class TextTable:
         return n_lines + (last != b"\n")
 
 
-TextRow = tuple[int, str, list[str], str]
-"""A line of a text table: its number, from 1; the line with its end; its values, of which a comment, an empty line and
-the header have none; and what is wrong with it."""
-
-
-def text_rows(file: TextTable) -> Iterator[TextRow]:
-    """All lines of a text table: each is one row, so that a quotation ends in its line."""
+def text_rows(file: TextTable) -> Iterator[tuple[int, str, list[str], str]]:
+    """All lines of a text table: each is one row, so that a quotation ends in its line. Its number, from 1; the line
+    with its end; its values, of which a comment, an empty line and the header have none; and what is wrong with it."""
     with guarded(file.path.name, *_FAULT), file.path.open(encoding="utf-8", newline="") as source:
         for number, line in enumerate(source, 1):
             if number <= file.skip_rows or not line.strip():
@@ -202,8 +197,8 @@ def _parsing(file: TextTable) -> Iterator[None]:
             yield
         except pa.ArrowInvalid as error:
             if "CSV conversion error" in str(error) and "UTF8" not in str(error):
-                said = "a column holds values of another type further on; write them alike, or allow more with <option>"
-                raise _OtherTypeError(f"{file.path.name}: {said}.", "memory") from error
+                said = "a column holds values of another type further on; write them alike, or allow more with --memory"
+                raise _OtherTypeError(f"{file.path.name}: {said}.") from error
             file.check()
             raise
 

@@ -10,11 +10,9 @@ from pathlib import Path, PurePosixPath
 import pyarrow as pa
 import pyarrow.json
 
-from rpil.data.errors import DamagedError
-from rpil.data.guard import guarded
-from rpil.data.json_files import object_in
+from rpil.data.errors import guarded
 from rpil.data.memory import check_memory
-from rpil.data.names import natural_key
+from rpil.data.text import natural_key
 from rpil.formats import table as flat
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import FILE, MEMORY_PER_BYTE
@@ -66,25 +64,12 @@ def _parsed(file: Path) -> pa.Table:
     no object, or several."""
     with guarded(file.name, *_NO_LINES):
         size = min(file.stat().st_size + 1, _LARGEST_BLOCK)
-        try:
-            table = plain_columns(pa.json.read_json(file, pa.json.ReadOptions(use_threads=False, block_size=size)))
-        except pa.ArrowInvalid:
-            _check_lines(file)
-            raise
+        table = plain_columns(pa.json.read_json(file, pa.json.ReadOptions(use_threads=False, block_size=size)))
         with file.open("rb") as lines:
             ends = [line[:1] + line[-1:] for line in map(bytes.strip, lines) if line]
         if ends != [b"{}"] * len(table):
-            _check_lines(file)
+            raise ValueError("a line holds no object, or several")
         return table
-
-
-def _check_lines(file: Path) -> None:
-    """A `DataError` that names the first line that holds no object of JSON, or several."""
-    with file.open("rb") as lines:
-        for number, line in enumerate(map(bytes.strip, lines), 1):
-            if line not in (b"", b"{}") and not object_in(line):
-                said = f"line {number:,}: it holds no object of JSON, or several"
-                raise DamagedError(f"{file.name}, {said}; delete it, or write an object on each line.")
 
 
 def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> None:

@@ -9,20 +9,17 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from json import JSONDecodeError
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 
 from rpil.data.arrays import Id, are_whole
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import check_inside, is_hidden
-from rpil.data.guard import guarded
-from rpil.data.json_files import LARGEST_TABLE, Parsed, parse_lines, read_json, read_text
-from rpil.data.names import EPISODE, TIMESTAMP, plain_name
-from rpil.data.recorded_facts import FILE_SESSION, Facts, outcome_of_steps
-from rpil.data.text import counted
+from rpil.data.fit_data import FILE_SESSION, Facts, outcome_of_steps
+from rpil.data.memory import LARGEST_TABLE, Parsed, parse_lines, read_json, read_text
+from rpil.data.text import EPISODE, TIMESTAMP, plain_name
 from rpil.formats.columns import LENGTH, Columns
 from rpil.formats.parquet_file import read_table
 from rpil.formats.steps import Steps
@@ -45,12 +42,6 @@ class Metadata:
     n_cameras: int = 0  # of videos and of images
     lengths: Mapping[Id, int] = field(default_factory=dict)  # declared steps of each demonstration
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Sentences on it for the user."""
-        unseen = f"{counted(self.n_cameras, 'camera')} {'are' if self.n_cameras > 1 else 'is'} not used"
-        return (f"{unseen}: rpil judges by numbers, not by images.",) if self.n_cameras else ()
-
 
 def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
     """The facts about the M demonstrations.
@@ -71,34 +62,27 @@ def _sessions(name: str, steps: Steps, files: Sequence[str]) -> tuple[str, ...]:
     """The session of each demonstration."""
     if name == FILE_SESSION and name not in steps.table.schema.names:
         if not files:
-            raise DataError(f"{steps.source}: its files make no sessions; name a column with <option>.", "session")
+            raise DataError(f"{steps.source}: its files make no sessions; name a column with --session.")
         return tuple(files)
-    pairs, ids = pairs_of(steps, name), {str(m): m for m in steps.ids}
+    pairs = pairs_of(steps, name)
     counts = Counter(m for m, _ in pairs)
-    for m, value in pairs:
-        if value is None or counts[m] > 1:
-            fault = "has no value" if value is None else "changes"
-            place = f"{steps.source}, demonstration {ids[m]!r}"
-            raise DataError(f"{place}: column {name!r} {fault} within it; give it one session.")
+    if wrong := [m for m, value in pairs if value is None or counts[m] > 1]:
+        place = f"{steps.source}, demonstration {wrong[0]}"
+        raise DataError(f"{place}: column {name!r} changes, or has no value, within it; give it one session.")
     return tuple(str(value) for _, value in pairs)
 
 
 def _outcome(table: pa.Table, wanted: str, columns: Columns, offsets: Array, source: str) -> Float[Array, " M"]:
     """The outcome of each demonstration in the `wanted` column, with NaN where it is not known."""
     name = wanted.removeprefix("-")
-    ways = f"name another column with <option>, or {LENGTH!r}"
     found: Array | None = np.diff(offsets).astype(float)
     if name != LENGTH:
         values = numbers_or_missing(table[name])
-        if values is None or values.shape[1] != 1:
-            raise DataError(f"{source}: column {name!r} is not of one number for each step; {ways}.", "outcome")
-        found = outcome_of_steps(values[:, 0].astype(float), offsets, name)
+        is_one = values is not None and values.shape[1] == 1
+        found = outcome_of_steps(values[:, 0].astype(float), offsets, name) if values is not None and is_one else None
     if found is None:
-        raise DataError(
-            f"{source}: column {name!r} changes within demonstrations and is neither a reward nor a flag of 0 and 1, "
-            f"so that nothing says which value is the outcome; {ways}.",
-            "outcome",
-        )
+        kinds = "neither one number for each demonstration, nor a reward, nor a flag of 0 and 1"
+        raise DataError(f"{source}: column {name!r} is {kinds}; name another column with --outcome, or {LENGTH!r}.")
     return (
         found if wanted == name else float(np.isin(found[~np.isnan(found)], (0, 1)).all()) - found
     )  # a flag stays one
@@ -164,7 +148,7 @@ def usual_step(steps: Array) -> float | None:
 
 def find_clock(steps: Steps, columns: Columns) -> Clock | None:
     """The first column of time whose unit is known, or else one that is called so; None where there is none."""
-    named, found = [name for name in columns.all if plain_name(name) in TIMESTAMP], list[Clock]()
+    named, found = [name for name in columns.all if plain_name(name) in TIMESTAMP], None
     table = steps.read([*columns.orders, *named, *columns.times])  # the likeliest first
     for name in table.column_names:
         missing = np.asarray(table[name].is_null(nan_is_null=True).to_numpy(), dtype=bool)
@@ -173,12 +157,12 @@ def find_clock(steps: Steps, columns: Columns) -> Clock | None:
             continue
         ticks = np.full(len(missing), np.nan)
         ticks[~missing] = values - values.min()
-        clock = Clock(ticks, unit_of(name, table[name].type, values))
-        is_named = plain_name(name) in TIMESTAMP
-        passes = (np.diff(ticks) > 0).any() and not (clock.lengths(steps.offsets) < 0).any()
-        if is_named or (clock.unit is not None and passes):
-            found.append(clock)
-    return next((clock for clock in found if clock.unit is not None), found[0] if found else None)
+        clock, is_named = Clock(ticks, unit_of(name, table[name].type, values)), plain_name(name) in TIMESTAMP
+        if clock.unit is None:
+            found = found or (clock if is_named else None)
+        elif is_named or ((np.diff(ticks) > 0).any() and not (clock.lengths(steps.offsets) < 0).any()):
+            return clock
+    return found
 
 
 def unit_of(name: str, kind: pa.DataType, values: Array) -> float | None:
@@ -252,15 +236,11 @@ class MetaFolder:
             return {int(row["episode_index"]): int(row["length"]) for row in rows}
 
     def tasks(self) -> dict[str, str]:
-        """Task by its number; since version 3.0 its text is the index of pandas. Empty where they are damaged,
-        and a `DataError` where they are not in UTF-8."""
-        found, damages = {}, (pa.ArrowException, OSError, DataError, JSONDecodeError, KeyError, TypeError)
-        place, *words = self.path / "meta", "its tasks cannot be read", "write them again in UTF-8"
-        with guarded(place, *words), suppress(*damages, RecursionError):
-            for row in self.rows("tasks"):
-                texts = [text for name, text in row.items() if name != "task_index"]
-                found[str(row["task_index"])] = str(row.get("task", *texts[:1]))
-        return found
+        """Task by its number; since version 3.0 its text is the index of pandas. A `DataError` where they are damaged,
+        or not in UTF-8."""
+        with guarded(self.path / "meta", "its tasks cannot be read", "write them again in UTF-8"):
+            others = [(row, [x for name, x in row.items() if name != "task_index"]) for row in self.rows("tasks")]
+            return {str(row["task_index"]): str(row.get("task", *texts[:1])) for row, texts in others}
 
 
 def read_metadata(paths: Sequence[str]) -> Metadata:

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from rpil.data.errors import DamagedError, DataError
 from rpil.data.files import StrPath, replacing
 from rpil.data.memory import check_memory
-from rpil.data.names import EPISODE, is_data
+from rpil.data.text import EPISODE, is_data
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
@@ -26,7 +26,6 @@ from rpil.formats.table import BATCH_ROWS, other_columns
 
 _HEAD_COLUMNS = 2000  # whose first values are looked at
 _ROWS_OF_LISTS = 16  # by which their widths are told
-_NESTED_ROWS = 1000  # read at a time where there are images
 
 Change = Callable[["pa.Table"], "pa.Table"]
 
@@ -136,7 +135,7 @@ def readable(paths: Sequence[str], source: str, skips: object = True) -> tuple[l
     if damaged and not skips:
         said = f"damaged, as where a recording is cut off: {words}; copy again, or read and keep"
         others = parts_in_words(there, "episode", []) or "the others"
-        raise DataError(f"{source}: {said} {others} with <option>.", "skip_bad")
+        raise DataError(f"{source}: {said} {others} with --skip-bad.")
     return [*found], (words,) if words else ()
 
 
@@ -156,31 +155,17 @@ def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
 def keep_rows(
     path: Path, output: Path, ids: Set[str], options: ColumnOptions, change: Change = lambda table: table
 ) -> None:
-    """Write the rows of the demonstrations `ids` of a Parquet file, after a `change`."""
-    tables = _kept_tables(path, ids, options)
-    schema = next(tables).schema
-    with pq.ParquetWriter(output, schema) as writer:  # whose errors must not be taken for those of the file
-        for table in tables:
-            writer.write_table(change(table).cast(schema))
-
-
-def _kept_tables(path: Path, ids: Set[str], options: ColumnOptions) -> Iterator[pa.Table]:
-    """An empty table of a Parquet file's columns, and then its rows of the demonstrations `ids`."""
+    """Write the rows of the demonstrations `ids` of a Parquet file, after a `change`, a row group at a time."""
     with opened(path) as file:
-        schema = file.schema.to_arrow_schema()
-        nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
-        column = columns_of_file(file, path, options).episode
+        schema, column = file.schema.to_arrow_schema(), columns_of_file(file, path, options).episode
         check_memory(max(check_sizes(file, schema.names, path), default=0), path.name, options.memory)
-        yield schema.empty_table()
-        names, owners = flat.id_codes(file.read([column], use_threads=False), column, lambda _: path.name)
-        rows = np.flatnonzero(np.isin(owners, [k for k, name in enumerate(names) if str(name) in ids]))
-        first = 0
-        for batch in file.iter_batches(_NESTED_ROWS if nested else BATCH_ROWS, use_threads=False):
-            a, b = np.searchsorted(rows, [first, first + len(batch)])
-            table = pa.Table.from_batches([batch]).take(rows[a:b] - first)
-            first += len(batch)
-            if a < b:
-                yield table
+        with pq.ParquetWriter(output, schema) as writer:
+            for k in range(file.num_row_groups):
+                table = file.read_row_group(k, use_threads=False)
+                names, owners = flat.id_codes(table, column, lambda _: path.name)
+                rows = np.flatnonzero(np.isin(owners, [k for k, name in enumerate(names) if str(name) in ids]))
+                if len(rows):
+                    writer.write_table(change(table.take(rows)).cast(schema))
 
 
 FORMAT = Format(

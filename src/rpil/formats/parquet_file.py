@@ -14,9 +14,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, refuse_pointer
-from rpil.data.guard import guarded
 from rpil.data.memory import BYTES_PER_NUMBER, MIB, check_free, check_memory
 from rpil.formats.table import BATCH_ROWS, kind_of_type
 

@@ -9,11 +9,10 @@ from dataclasses import replace
 from itertools import repeat
 
 import numpy as np
-import pyarrow as pa
 
 from rpil.data.arrays import Id, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
-from rpil.data.names import ORDER_COLUMNS, OUTCOME, plain_name
+from rpil.data.text import ORDER_COLUMNS, OUTCOME, plain_name
 from rpil.formats import table as flat
 from rpil.formats.columns import Columns
 from rpil.formats.metadata import find_clock
@@ -36,15 +35,14 @@ def find_places(rows: Steps, columns: Columns) -> tuple[Steps, Columns]:
     if columns.options.split_gap or columns.options.segment:
         names_of, group = shorter(names_of, group, rows, columns)
         columns = replace(columns, parts=(), id_chosen=True)
-    table = rows.read([*columns.orders, *columns.parts])
 
     def at(row: int) -> str:
         m = int(group[row])
         return replace(rows, ids=(names_of[m],), offsets=np.array([row])).place_of(row, 0)
 
     _check_ids(names_of, group, columns, rows.source)
-    order, words, values = _find_order(table, columns, group, at)
-    _check_one_id(table, columns, group, order, at)
+    order, words, values = _find_order(rows, columns, group, at)
+    _check_one_id(rows, columns, group, order, at)
     chosen, offsets, moved = group_rows(group, values)
     ids = as_ids([names_of[k] for k in chosen.tolist()], rows.source)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
@@ -80,7 +78,7 @@ def in_two_files(m: Id, first: str, second: str, source: str) -> DataError:
     return DataError(f"{source}, demonstration {m!r}: it is both in {first} and in {second}; {remedy}.")
 
 
-def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> tuple[str | None, str, Array | None]:
+def _find_order(steps: Steps, columns: Columns, group: Array, at: Place) -> tuple[str | None, str, Array | None]:
     """By the first of the likely columns that tells the steps of every demonstration apart; its values, to sort by.
 
     `group` (N,) numbers the demonstration of each row. A `DataError` where the user named a column that does not.
@@ -88,11 +86,11 @@ def _find_order(table: pa.Table, columns: Columns, group: Array, at: Place) -> t
     by_group = np.argsort(group, kind="stable") if np.any(group[1:] < group[:-1]) else slice(None)
     same = group[by_group][1:] == group[by_group][:-1]
     fault = ""
-    for name in columns.orders:
-        values, said = flat.order_values(table[name]), "values that are missing, or neither numbers nor times"
+    for name, column in ((name, steps.read([name])[name]) for name in columns.orders):
+        values, said = flat.order_values(column), "values that are missing, or neither numbers nor times"
         if values is not None:
             step, said = values[by_group], "repeated values within a demonstration"
-            if np.all(step[1:][same] > step[:-1][same]):
+            if np.all((step[1:] > step[:-1]) | ~same):
                 return name, f"steps in the order of {name}", values
             rows = np.lexsort([values, group])
             twice = np.flatnonzero((values[rows][1:] == values[rows][:-1]) & (group[rows][1:] == group[rows][:-1]))
@@ -117,35 +115,33 @@ def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str)
         )
     if not columns.id_chosen or len(group) < 2:
         return
-    ways = "name the column of the demonstration with <option>, or, where pauses divide demonstrations, <option>"
+    ways = "name the column of the demonstration with --id, or, where pauses divide demonstrations, --split-gap"
     if 2 * len(names) > len(group):
         raise DataError(
             f"{source}: {name!r} would make {len(names):,} demonstrations of {len(group):,} steps; {ways}; if "
-            "that is meant, call it episode_index; where <option> or <option> is given, give more seconds.",
-            ("id", "split_gap", "split_gap", "segment"),
+            "that is meant, call it episode_index; where --split-gap or --segment is given, give more seconds."
         )
     is_order = any(pattern.fullmatch(plain) for pattern in ORDER_COLUMNS)
     if is_order and 2 * np.count_nonzero(group[1:] != group[:-1]) > len(group):
         said = "looks like a time, or the number of a step, as it changes from row to row"
-        raise DataError(f"{source}: {name!r} {said}; {ways}.", ("id", "split_gap"))
+        raise DataError(f"{source}: {name!r} {said}; {ways}.")
 
 
-def _check_one_id(table: pa.Table, columns: Columns, group: Array, order: str | None, at: Place) -> None:
+def _check_one_id(steps: Steps, columns: Columns, group: Array, order: str | None, at: Place) -> None:
     """A `DataError` where the rows of one id seem to be several demonstrations, as where each session counts its own.
 
     They are one where a column gives the order of its rows, unless they lie together only by a second column.
     """
-    for name in columns.parts:
-        codes, changes = flat.encoded(table[name])[1], group[1:] != group[:-1]
-        rows, ids = flat.first_rows(group, codes), flat.first_rows(group, group)
-        n_runs, n_runs_of_ids = (1 + np.count_nonzero(each) for each in (changes | (codes[1:] != codes[:-1]), changes))
-        together = n_runs == len(rows) and n_runs_of_ids > len(ids)
-        if len(ids) < len(rows) <= len(group) / 2 and (order is None or together):
+    changes, ids = group[1:] != group[:-1], flat.first_rows(group, group)
+    apart = 1 + np.count_nonzero(changes) > len(ids)
+    for name in columns.parts if order is None or apart else ():
+        codes = flat.encoded(steps.read([name])[name])[1]
+        rows, n_runs = flat.first_rows(group, codes), 1 + np.count_nonzero(changes | (codes[1:] != codes[:-1]))
+        if len(ids) < len(rows) <= len(group) / 2 and (order is None or n_runs == len(rows)):
             row = int(rows[~np.isin(rows, ids)][0])
             raise DataError(
                 f"{at(row)}: column {name!r} changes within this demonstration; write a column of ids that no two "
-                f"demonstrations share, or, if {columns.episode!r} is one, say so with <option>.",
-                "id",
+                f"demonstrations share, or, if {columns.episode!r} is one, say so with --id."
             )
 
 
@@ -164,7 +160,7 @@ def shorter(
         said = (
             "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"
         )
-        raise DataError(f"{columns.source}: {said} <option>; make one of times in texts.", "order")
+        raise DataError(f"{columns.source}: {said} --order; make one of times in texts.")
     seconds = clock.ticks * clock.unit
     if gap := columns.options.split_gap:
         steps, counts, labels = np.diff(seconds, prepend=np.nan), Counter[int](), list[Id]()

@@ -13,22 +13,14 @@ import pyarrow as pa
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath
-from rpil.data.guard import guarded
+from rpil.data.fit_data import Facts
 from rpil.data.id_values import check_ids
-from rpil.data.recorded_facts import Facts
+from rpil.data.text import counted
 from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids, by_column
-from rpil.formats.dataset import Dataset, Layout
-from rpil.formats.format import Defect, StepTables
-from rpil.formats.metadata import (
-    Clock,
-    Times,
-    different,
-    find_clock,
-    find_facts,
-    pairs_of,
-)
+from rpil.formats.format import Dataset, Defect, Layout, StepTables
+from rpil.formats.metadata import Clock, Times, different, find_clock, find_facts, pairs_of
 from rpil.formats.places import find_places
 from rpil.formats.scan import Description, Scan, commas, left_out_lines, scan
 from rpil.formats.steps import ArrowFile, Steps
@@ -223,18 +215,18 @@ def _asked(ids: Sequence[Id], options: ColumnOptions, source: str) -> Array:
             for name in [given] if given in places else map(str.strip, given.split(",")):
                 ends = _RANGE.fullmatch(name)
                 named = [name] if ends is None or name in places else sorted(ends.groups(), key=int)
-                check_ids(named, places, source, "<option>", option)
+                check_ids(named, places, source, option)
                 low, high = named[0], named[-1]
                 between = (k for m, k in places.items() if m.isdecimal() and int(low) <= int(m) <= int(high))
                 found += [places[low]] if low == high else between
         return found
 
-    only = numbers(options.only, "only")
+    only = numbers(options.only, "--only")
     mask = np.full(len(ids), not only)
     mask[only] = True
-    mask[numbers(options.without, "without")] = False
+    mask[numbers(options.without, "--without")] = False
     if not mask.any():
-        raise DataError(f"{source}: <option> and <option> leave no demonstration; correct them.", ("only", "without"))
+        raise DataError(f"{source}: --only and --without leave no demonstration; correct them.")
     return mask
 
 
@@ -257,6 +249,7 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
     others = (name for name in (*columns.orders, *columns.index) if name != columns.order)
     times, videos = dict.fromkeys(others, TIME_OF_STEP), dict.fromkeys(metadata.videos, "video")
     ranges, constant, missing = found.summary()
+    cameras = f"{counted(n := metadata.n_cameras, 'camera')} {'are' if n > 1 else 'is'}"
     return Description(
         source=origin.source,
         format=origin.format_name,
@@ -282,7 +275,7 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
             *_notes(steps, columns, metadata.fps, recorded, constant),
             *origin.notes,
             *left_out_lines(origin.skipped),
-            *metadata.notes,
+            *[f"{cameras} not used: rpil judges by numbers, not by images."] * bool(n),
         ),
     )
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from rpil.data.arrays import Id
-from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.errors import DataError, MissingExtraError, guarded
 from rpil.data.files import (
     StrPath,
     check_exists,
@@ -26,9 +26,8 @@ from rpil.data.files import (
     check_writable,
     replacing,
 )
-from rpil.data.guard import guarded
 from rpil.data.id_values import check_ids
-from rpil.data.memory import FREE_SHARE, IN_MEMORY, TooLargeError, check_memory, free_memory
+from rpil.data.memory import FREE_SHARE, MOST_IN_MEMORY, TooLargeError, check_memory, free_memory
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, StepTables, called, from_arrow
@@ -41,11 +40,8 @@ _LISTS = (".json", ".txt")
 class Formats:
     """The formats of `rpil.formats`, and of other packages: a module is imported when its turn comes."""
 
-    def __init__(self, *modules: str) -> None:
-        self._modules = modules
-
     def __iter__(self) -> Iterator[Format]:
-        for module in self._modules:
+        for module in ("parquet", "csv", "lerobot.folder", "array_files", "json_lines", "table_folder"):
             yield import_module(f"rpil.formats.{module}").FORMAT
         for point in entry_points(group="rpil.formats"):
             yield Format(point.name, called(point.name), partial(_read_foreign, point), suffixes=(point.name,))
@@ -64,7 +60,7 @@ def _read_foreign(point: EntryPoint, path: Path, options: ColumnOptions) -> Step
     return from_arrow(checked(), options, path.name, point.name)
 
 
-FORMATS: Iterable[Format] = Formats("parquet", "csv", "lerobot.folder", "array_files", "json_lines", "table_folder")
+FORMATS: Iterable[Format] = Formats()
 """The formats, in the order in which a path is shown to them: extensions of one format come first, because no file
 is opened for them; what any folder may be comes last."""
 
@@ -99,7 +95,7 @@ class ClaimedPath:
     def read(self, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False) -> Recording:
         """The recording; see `rpil.formats.read_recording`."""
         if on_disk is None:
-            most = options.memory or min(IN_MEMORY, FREE_SHARE * free_memory())
+            most = options.memory or min(MOST_IN_MEMORY, FREE_SHARE * free_memory())
             with suppress(TooLargeError):
                 return self.read(replace(options, memory=most), on_disk=False)
             folder = tempfile.gettempdir()
@@ -209,9 +205,5 @@ def writer_of(path: StrPath) -> Format:
 
 
 def suffixes() -> list[str]:
-    """The extensions of files of all formats, those of formats that are written first."""
-    order = sorted(FORMATS, key=lambda one: one.write is None)
-    return [
-        *dict.fromkeys(one.suffixes[0] for one in order if one.suffixes),
-        *(s for one in order for s in one.suffixes[1:]),
-    ]
+    """The extensions of files of all formats."""
+    return [suffix for one in FORMATS for suffix in one.suffixes]

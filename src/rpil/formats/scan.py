@@ -19,7 +19,7 @@ from rpil.data.errors import DamagedError, DataError
 from rpil.data.text import counted, listed
 from rpil.formats import table as flat
 from rpil.formats.columns import TIME_OF_STEP, Columns
-from rpil.formats.dataset import Layout, value_type
+from rpil.formats.format import Layout, value_type
 from rpil.formats.steps import Steps
 from rpil.formats.table import Place
 from rpil.numerics.types import Array
@@ -102,8 +102,8 @@ class Scan:
         if values.dtype.kind == "f":
             finite = np.isfinite(values)
             if not finite.all():
-                said = f"{at(int(np.argmin(finite)))}: an action is not finite; repair it, or read with <option>."
-                self.fault = self.fault or DataError(said, "skip_bad")
+                said = f"{at(int(np.argmin(finite)))}: an action is not finite; repair it, or read with --skip-bad."
+                self.fault = self.fault or DataError(said)
             values = values[~np.isnan(values)]
             self._is_whole = self._is_whole and are_whole(values)
         wants_all = layout.action.kind == "U" or layout.action_kind == "discrete"
@@ -129,9 +129,7 @@ class Scan:
                 own = (texts, "text"), ([part for part in layout.actions.values() if part not in texts], "numbers")
                 said = ", ".join(f"{commas(names)} ({what})" for names, what in own if names)
                 self.kind, self.reason = "refused", f"the action has several parts: {said}"
-                self.fault = DataError(
-                    f"{steps.source}: {self.reason}; name the part to judge with <option>.", "action"
-                )
+                self.fault = DataError(f"{steps.source}: {self.reason}; name the part to judge with --action.")
             return
         is_text, wanted = layout.action.kind == "U", layout.action_kind
         try:

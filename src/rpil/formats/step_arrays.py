@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -30,17 +30,8 @@ MAX_MATRIX = 1024
 """Numbers of a matrix that is no image, at most; it is read as a list."""
 
 
-class StoredArray(Protocol):
-    """An array that need not be in memory, and of which some rows are read."""
-
-    @property
-    def shape(self) -> tuple[int, ...]: ...
-
-    @property
-    def dtype(self) -> np.dtype[Any]: ...
-
-    def __getitem__(self, rows: slice, /) -> object: ...
-
+StoredArray = Any
+"""An array with a shape and a type that need not be in memory, and of which slices of rows are read."""
 
 Tree = Mapping[str, StoredArray]
 """A container of named arrays, whatever its format; names are paths where it has groups."""

@@ -21,8 +21,7 @@ import numpy as np
 import pyarrow as pa
 
 from rpil.data.arrays import Id, check_any
-from rpil.data.errors import DataError
-from rpil.data.guard import guarded
+from rpil.data.errors import DataError, guarded
 from rpil.formats.table import BATCH_ROWS, Place, plain_type
 from rpil.numerics.types import Array, Int
 
@@ -94,9 +93,6 @@ class ArrowFile:
 
 def _new_file(n_bytes: float) -> tuple[str, int]:
     """The path of a new temporary file, which is to have `n_bytes`, and its handle if it has no name, else -1."""
-    folder = os.environ.get("TMPDIR") or tempfile.gettempdir()
-    if not os.access(folder, os.W_OK | os.X_OK):  # Python takes another one then, which may be too small
-        raise OSError(errno.ENOENT, f"TMPDIR is {folder}, where no file can be written")
     if n_bytes > (free := shutil.disk_usage(tempfile.gettempdir()).free):
         raise OSError(errno.ENOSPC, f"it needs {n_bytes / 1e9:,.2f} GB, and {free / 1e9:,.2f} GB are free")
     try:
@@ -122,8 +118,8 @@ def _batches(first: pa.Table, others: Iterator[pa.Table], schema: pa.Schema, sou
         try:
             waiting = pa.concat_tables([waiting, table.cast(schema)])
         except (pa.ArrowInvalid, ValueError) as error:
-            said = "a column holds values of other types further on; write them alike, or allow more with <option>"
-            raise DataError(f"{source}: {said}.", "memory") from error
+            said = "a column holds values of other types further on; write them alike, or allow more with --memory"
+            raise DataError(f"{source}: {said}.") from error
         table = next(others, None)
         while len(waiting) >= BATCH_ROWS or (table is None and len(waiting)):
             yield waiting.slice(0, BATCH_ROWS).combine_chunks().to_batches()[0]

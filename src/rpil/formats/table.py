@@ -13,11 +13,11 @@ from rpil.data.arrays import LONGEST_TEXT, are_whole, as_array, check_any
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.memory import check_memory
-from rpil.data.names import EPISODE, STEP, action_columns, quoted
+from rpil.data.text import EPISODE, STEP, action_columns, quoted
 from rpil.numerics.types import Array
 
-Kind = Literal["number", "list", "text", "mixed", "time", "counter", "empty", "nested"]
-"""Kind of a column's values; "mixed" is text in the place of some numbers, "counter" the number of the row."""
+Kind = Literal["number", "list", "text", "mixed", "time", "empty", "nested"]
+"""Kind of a column's values; "mixed" is text in the place of some numbers."""
 
 Place = Callable[[int], str]
 """The place of a row of a table in messages: its file, demonstration and number."""
@@ -39,9 +39,6 @@ def kinds_of(head: pa.Table) -> dict[str, Kind]:
             texts = [text.strip() for text in head[name].unique().to_pylist() if text]
             if texts and 2 * sum(map(is_number, texts)) >= len(texts):
                 found[name] = "mixed"
-        elif kind == "number" and len(head) >= _COUNTED_ROWS and head[name][0].as_py() in (0, 1):
-            values = np.asarray(head[name].to_numpy(), dtype=float)
-            found[name] = "counter" if np.array_equal(values, values[0] + np.arange(len(head))) else kind
     return found
 
 
@@ -58,10 +55,6 @@ def kind_of_type(kind: pa.DataType) -> Kind:
         return "time"
     is_list = pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind)
     return "list" if is_list and _is_numeric(kind.value_type) else "nested"
-
-
-_COUNTED_ROWS = 30
-"""Rows that go up by one from 0 or 1, through all demonstrations, before a column is taken for their number."""
 
 
 def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, Array]) -> pa.Table:
@@ -163,7 +156,7 @@ def column_values(table: pa.Table, name: str, at: Place, allows_missing: bool = 
         column = column.cast(column.type.value_type)
     if column.null_count and not (pa.types.is_floating(column.type) and allows_missing):
         row = pc.index(pc.is_null(column), True).as_py()
-        raise DataError(f"{at(row)}: column {name!r} has no value; fill it in, or read with <option>.", "skip_bad")
+        raise DataError(f"{at(row)}: column {name!r} has no value; fill it in, or read with --skip-bad.")
     if _is_numeric(column.type):
         return np.asarray(column.to_numpy())
     if pa.types.is_decimal(column.type):

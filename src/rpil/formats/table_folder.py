@@ -8,11 +8,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_exists, check_folder, is_hidden
-from rpil.data.guard import guarded
-from rpil.data.json_files import LARGEST_METADATA
-from rpil.data.names import OWN_TABLES
+from rpil.data.memory import LARGEST_METADATA
+from rpil.data.text import OWN_TABLES
 from rpil.formats import csv, parquet
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.csv import TEXT_SUFFIXES

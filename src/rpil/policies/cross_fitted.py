@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, in_words
 from rpil.data.fit_data import FitData
-from rpil.data.guard import in_words
 from rpil.data.spaces import Discrete, Space
 from rpil.numerics.blocks import at_actions, log_softmax
 from rpil.numerics.types import Array, Float, Int, Num

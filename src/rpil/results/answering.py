@@ -37,6 +37,8 @@ NOTHING_FOLLOWED = (
 )
 """The answers from which this is said, and the sentence."""
 
+_UNTIL_DECIDED = (TWO_GROUPS, "two labels", "All outliers are of one operator")  # in notes that hold until then
+
 A = TypeVar("A", bound=Judged)
 
 
@@ -82,7 +84,7 @@ def with_answers(audit: A, known: Answers) -> A:
         own_reasons=(),
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=doubts_of_answers(found, known, is_decided),
-        notes=tuple(note for note in audit.notes if not (is_decided and is_over(note))),
+        notes=tuple(note for note in audit.notes if not (is_decided and any(said in note for said in _UNTIL_DECIDED))),
     )
     return replace(answered, step_weight=weights_of(answered), rejected_by=rejecting_rules(answered))
 
@@ -99,11 +101,6 @@ def rejecting_rules(audit: Judged) -> tuple[str, ...]:
     rules = {"": known.labels > 0, "outcome": known.failed, "labels": known.labels < 0}
     rules |= {"adversary": verdicts == "adversary", "answers": is_bad}
     return tuple(np.select([*rules.values()], [*rules], "").tolist())
-
-
-def is_over(sentence: str) -> bool:
-    """Whether a sentence of an audit holds only until answers contrast."""
-    return any(said in sentence for said in (TWO_GROUPS, "two labels", "All outliers are of one operator"))
 
 
 def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, Id]]) -> Answers:

@@ -1,7 +1,7 @@
 """The demonstrations to keep, and the rule by which each of the others is rejected.
 
-What a person said is obeyed in full: labels, outcomes of 0 where they are 0 and 1, faults that were named, a share, a
-least probability. What the audit infers rejects only once two answers contrast.
+What a person said is obeyed in full: labels, outcomes of 0 where they are 0 and 1, faults that were named, a share.
+What the audit infers rejects only once two answers contrast.
 """
 
 from __future__ import annotations
@@ -18,21 +18,16 @@ from typing import Any, cast
 import numpy as np
 
 from rpil.data.arrays import Id
-from rpil.data.errors import DataError
+from rpil.data.copies import RUN_KEY
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
-from rpil.data.guard import guarded
-from rpil.data.id_values import check_ids, read_labels
-from rpil.data.json_files import LARGEST_TABLE, parse, read_text
-from rpil.data.run import RUN_KEY
+from rpil.data.id_values import check_ids, read_answers
+from rpil.data.memory import LARGEST_TABLE, parse, read_text
 from rpil.data.text import MAX_IDS, MAX_LISTED_NAMES, from_cell, listed, printable
 from rpil.formats import write_columns
-from rpil.formats.parquet_file import read_table
-from rpil.numerics.types import Array, Float
-from rpil.results.provenance import PROVENANCE_KEY
+from rpil.results.judged import PROVENANCE_KEY
 from rpil.results.result import AuditResult
 from rpil.results.vocabulary import SIDES, WORSE
-
-TABLE_EXTENSIONS = (".csv", ".parquet", ".json")
 
 Table = Mapping[str, Sequence[object]]
 
@@ -42,7 +37,7 @@ KEEP_RULES = {
     "faults": "with a fault that was named",
     "answers": "by inference from {1}",
     "adversary": "like the adversary that was named",
-    "threshold": "below --share or --at-least",
+    "threshold": "below --share",
 }
 """The rules by which demonstrations are rejected, as text that follows a number; {0} is `failure`, {1} `told`."""
 
@@ -56,8 +51,6 @@ class Asked:
 
     share: float | None = None
     """Keep this share of the demonstrations, in (0, 1]; those with the largest log-odds."""
-    at_least: float | None = None
-    """Keep those whose probability is this or more."""
     faulty: Set[str] = frozenset()
     """Ids, as text, of the demonstrations with a fault that was named."""
     spared: Set[str] = frozenset()
@@ -105,9 +98,9 @@ def file_ids(ids: Sequence[Hashable]) -> list[Hashable]:
 def choose(table: Table, asked: Asked = Asked()) -> Choice:
     """Which demonstrations of a table of verdicts are kept.
 
-    Labels, outcomes of 0 and named faults come first, then a share or a least probability, or where there is none the
-    rules in the column rejected_by, or the verdicts where there is no such column. A `DataError` where the table, which
-    `AuditResult.table` or `read_verdicts` gave, has no numbers to choose by, or a verdict is none of an audit.
+    Labels, outcomes of 0 and named faults come first, then a share, or where there is none the rules in the column
+    rejected_by, or the verdicts where there is no such column. A `DataError` where the table, which `AuditResult.table`
+    or `read_verdicts` gave, has no numbers to choose by, or a verdict is none of an audit.
     """
     ids = cast(Sequence[Id], table["id"])
     labels, said = (table.get(name, [""] * len(ids)) for name in ("label", "said"))
@@ -127,7 +120,7 @@ def choose(table: Table, asked: Asked = Asked()) -> Choice:
 
 def _rule_of(name: str, label: object, rule: str, below: bool | None, asked: Asked) -> str:
     """The rule that rejects the demonstration `name`, or nothing, by its label, the `rule` of its audit, and whether it
-    is `below` the share or the probability that is asked for, if one is."""
+    is `below` the share that is asked for, if one is."""
     if label == "bad":
         return "labels"
     if rule == "outcome" and label != "good":
@@ -140,31 +133,24 @@ def _rule_of(name: str, label: object, rule: str, below: bool | None, asked: Ask
 
 
 def read_verdicts(path: StrPath) -> Table:
-    """The columns of a table of verdicts that an audit wrote, or of labels, which become verdicts, or of
-    the demonstrations to keep that an audit or a review wrote, with the rules that reject the others. A `DataError`
-    where the file cannot be read as such."""
-    path = check_readable(check_extension(path, TABLE_EXTENSIONS, "verdicts"))
-    kind, columns = path.suffix[1:].lower(), dict[str, list[object]]()
-    with guarded(path.name, f"it cannot be read as {kind.upper()}", "write it again"):
-        if kind == "parquet":
-            columns = read_table(path).to_pydict()
-        else:
-            text = read_text(path, LARGEST_TABLE)
-            rows: Any = parse(text, path.name, LARGEST_TABLE) if kind == "json" else csv.DictReader(io.StringIO(text))
-            if isinstance(rows, dict) and isinstance(rows.get("rejected"), dict):
-                return _table_of_kept(rows)
-            rows = [*rows]
-            are_rows = rows and all(isinstance(row, dict) for row in rows)
-            columns = {name: [row[name] for row in rows] for name in (rows[0] if are_rows else ())}
-            if kind == "csv" and "id" in columns:
-                columns["id"] = [from_cell(str(name)) for name in columns["id"]]
-    if {"id", "verdict"} <= {*columns}:
-        return columns
-    if kind != "csv":
-        remedy = "give the table of rpil audit --verdicts, the list of --keep, or labels"
-        raise DataError(f"{path.name}: it has no columns id and verdict; {remedy}.")
-    labels = read_labels(path)
-    return {"id": list(labels), "verdict": list(labels.values()), "label": list(labels.values())}
+    """The columns of a table of verdicts that an audit wrote to CSV, or of labels, which become verdicts, or of the
+    demonstrations to keep that an audit or a review wrote, with the rules that reject the others. A `DataError` where
+    the file cannot be read as such."""
+    path = check_readable(check_extension(path, (".csv", ".json"), "verdicts"))
+    is_list = path.suffix.lower() == ".json"
+    with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
+        text = read_text(path, LARGEST_TABLE)
+        if is_list:
+            kept: dict[str, Any] = parse(text, path.name, LARGEST_TABLE)
+            rules = dict.fromkeys(kept["episodes"], "")
+            rules |= {name: rule for rule in KEEP_RULES for name in kept["rejected"].get(rule, ())}
+            return {"id": [*rules], "verdict": ["open"] * len(rules), "rejected_by": [*rules.values()]}
+        rows = [*csv.DictReader(io.StringIO(text))]
+        columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
+    if not {"id", "verdict"} <= {*columns}:
+        labels, _ = read_answers(path)
+        return {"id": list(labels), "verdict": list(labels.values()), "label": list(labels.values())}
+    return columns | {"id": [from_cell(str(name)) for name in columns["id"]]}
 
 
 def verdicts_about(path: StrPath, ids: Sequence[Hashable], every: Sequence[Hashable]) -> tuple[Table, set[str]]:
@@ -181,20 +167,18 @@ def verdicts_about(path: StrPath, ids: Sequence[Hashable], every: Sequence[Hasha
     return {**columns, "id": ids}, {*row}
 
 
-def _table_of_kept(kept: Mapping[str, Any]) -> Table:
-    """A table of what `Choice.to_dict` gave."""
-    rules = dict.fromkeys(kept["episodes"], "")
-    rules |= {name: rule for rule in KEEP_RULES for name in kept["rejected"].get(rule, ())}
-    return {"id": [*rules], "verdict": ["open"] * len(rules), "rejected_by": [*rules.values()]}
-
-
 def _below(table: Table, asked: Asked) -> Sequence[bool | None]:
-    """Whether each demonstration is below the least probability or the share that is asked for; None where none is."""
-    if asked.at_least is not None:
-        return [*map(bool, _numbers(table, "expert_proba") < asked.at_least)]
+    """Whether each demonstration is below the share that is asked for; None where none is."""
     if asked.share is None:
         return [None] * len(table["id"])
-    ranks = np.argsort(np.argsort(-_numbers(table, "log_odds"), kind="stable"))
+    try:
+        values = np.array(cast(Sequence[float], table["log_odds"]), dtype=float)
+    except (KeyError, ValueError, TypeError) as error:
+        raise DataError("The verdicts have no numbers in log_odds; give those that rpil audit wrote.") from error
+    if without := [*compress(cast(Sequence[Id], table["id"]), np.isnan(values))]:
+        who = f"The verdicts have no number in log_odds for {listed(without, MAX_LISTED_NAMES)}"
+        raise DataError(f"{who}; audit these too, or leave them out with --without.")
+    ranks = np.argsort(np.argsort(-values, kind="stable"))
     return [*map(bool, ranks >= max(round(asked.share * len(ranks)), 1))]
 
 
@@ -207,18 +191,6 @@ def _by_audit(table: Table) -> list[str]:
             rest = f"{word!r} is unknown; write one of {', '.join(filter(None, known))}"
             raise DataError(f"Demonstration {name!r}: the {column.replace('_', ' ')} {rest}.")
     return words if column == "rejected_by" else [RULES_OF_VERDICTS.get(word, "") for word in words]
-
-
-def _numbers(table: Table, column: str) -> Float[Array, " M"]:
-    """A column by which a user chooses, with a number for each demonstration."""
-    try:
-        values = np.array(cast(Sequence[float], table[column]), dtype=float)
-    except (KeyError, ValueError, TypeError) as error:
-        raise DataError(f"The verdicts have no numbers in {column}; give those that rpil audit wrote.") from error
-    if without := [*compress(cast(Sequence[Id], table["id"]), np.isnan(values))]:
-        who = f"The verdicts have no number in {column} for {listed(without, MAX_LISTED_NAMES)}"
-        raise DataError(f"{who}; audit these too, or leave them out with <option>.", "without")
-    return values
 
 
 def write_verdicts(path: StrPath, audit: AuditResult, columns: Table) -> None:

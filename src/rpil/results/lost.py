@@ -17,7 +17,7 @@ from scipy.special import stdtrit
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.text import listed, printable
-from rpil.formats.dataset import Dataset
+from rpil.formats.format import Dataset
 from rpil.numerics.regression import ROUNDING, robust_scale
 from rpil.numerics.types import Array, Bool, Float, Num
 

@@ -13,18 +13,18 @@ from numpy.typing import ArrayLike
 from rpil.data.arrays import spans
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
-from rpil.data.frames import Backend, DataFrame, data_frame
+from rpil.data.text import DataFrame, data_frame
 from rpil.results.answering import looking_order
 from rpil.results.judged import Demonstrator, Interval
-from rpil.results.overview import first_sentence, headline, verdict_sentence
-from rpil.results.result import AuditResult
+from rpil.results.result import AuditResult, first_sentence, headline, verdict_sentence
 
 if TYPE_CHECKING:
     from rpil.data.demonstrations import Demonstrations
-    from rpil.formats.dataset import Dataset
+    from rpil.formats.format import Dataset
     from rpil.results.choice import Choice
     from rpil.results.plots import AuditPlots
-    from rpil.segments.kinds import Segments
+    from rpil.segments.ranges import Segments
+
 
 TITLE, IN_MEMORY = "Audit of demonstrations", "in memory"
 """The title of a page, and the name of data that have no other."""
@@ -91,7 +91,7 @@ class Audit(AuditResult):
     copy_of : (M,) int array
         Index of the first of the copies of each demonstration, which may be itself.
     deviations, own_reasons, rejected_by : tuple of str
-        How each demonstration acts in its worst steps, and how others act there (`rpil.results.evidence`); its reason,
+        How each demonstration acts in its worst steps, and how others act there (`rpil.results.summary`); its reason,
         if that compares it with demonstrations outside the audit; and the rule of
         `rpil.results.choice.KEEP_RULES` that rejects it. Each may be "", or the tuple empty.
     anchor : {"none", "answers", "named adversary"}
@@ -146,7 +146,7 @@ class Audit(AuditResult):
         """Segments of its `demonstrations`: acts, idle rows, takeovers, with scores and reasons. Each is compared with
         those of the same task, given by ids as text."""
         from rpil.segments.find import find_segments
-        from rpil.segments.kinds import joined
+        from rpil.segments.ranges import joined
 
         if demonstrations.ids != self.ids or not np.array_equal(demonstrations.offsets, self.offsets):
             raise DataError(f"{demonstrations.source}: these are not the demonstrations of the audit; give those.")
@@ -160,25 +160,16 @@ class Audit(AuditResult):
             parts.append(replace(found, demonstration=np.array(own)[found.demonstration]))
         return joined(parts)
 
-    def to_frame(self, backend: Backend | None = None) -> DataFrame:
+    def to_frame(self) -> DataFrame:
         """A data frame with a row for each demonstration, in the order of looking: the first to look at first.
 
-        The columns are those that ``rpil audit --verdicts`` writes, as far as an audit knows them.
-
-        Parameters
-        ----------
-        backend : {"pandas", "polars", "pyarrow"}, optional
-            By default the first of these that is installed; pyarrow always is.
-
-        Raises
-        ------
-        DataError
-            If the backend is unknown or not installed.
+        The columns are those that ``rpil audit --verdicts`` writes, as far as an audit knows them. It is a frame of
+        pandas, or where that is not installed a table of pyarrow.
         """
         columns, order = self.table(), looking_order(self)[0]
         for name in ("faults", "task", "run", *["demonstrator"] * (not self.demonstrators)):
             del columns[name]  # an audit does not know these
-        return data_frame({name: [column[m] for m in order] for name, column in columns.items()}, backend)
+        return data_frame({name: [column[m] for m in order] for name, column in columns.items()})
 
     def to_html(self, path: StrPath, title: str = TITLE) -> None:
         """Write the report of ``rpil audit --report`` to a file: one page, which needs no network.

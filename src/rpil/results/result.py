@@ -15,21 +15,27 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from scipy.special import expit
 
+from rpil.data.copies import run_id
 from rpil.data.errors import DataError
-from rpil.data.run import run_id
+from rpil.data.text import MAX_IDS, counted, listed
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
-from rpil.results.answering import Id
+from rpil.results.answering import Id, looking_order, n_first
 from rpil.results.judged import Demonstrator, Judged
 from rpil.results.reasons import Fact, known_facts, reasons_of, style_in_words, worst_stretch
-from rpil.results.vocabulary import SIDES, WORSE
+from rpil.results.vocabulary import SIDES, WORSE, in_numbers, numbered, short_id
 
 if TYPE_CHECKING:
     from rpil.faults.rule import Fault
 
 WHOLE = "A demonstration is good or bad as a whole, and a label is certain."
 """The assumption of the paper's mixture."""
+
+MAX_NAMED_FIRST = 12
+"""Demonstrations to look at first that a sentence names."""
+
+ACTING = {"outliers": "differently from the rest", "mixture": "like the adversary that was named"}
 
 NEAR = 9
 """Steps around a step, and this itself, by which the page draws whether it is like those of the trusted."""
@@ -106,10 +112,7 @@ class AuditResult(Judged):
     suggest_labels = answering.suggest_labels
 
     def answered(
-        self,
-        labels: Mapping[Id, str] | None = None,
-        pairs: Collection[tuple[Id, Id]] = (),
-        instead: bool = False,
+        self, labels: Mapping[Id, str] | None = None, pairs: Collection[tuple[Id, Id]] = (), instead: bool = False
     ) -> Self:
         """Add answers to those of the audit, and return the new audit; no policy is fitted again.
 
@@ -159,7 +162,7 @@ class AuditResult(Judged):
 
     @property
     def run_id(self) -> str:
-        """Id that the report, the JSON and the weights of one run have in common; see `rpil.data.run.run_id`."""
+        """Id that the report, the JSON and the weights of one run have in common; see `rpil.data.copies.run_id`."""
         return run_id(self.ids, self.offsets, self.log_odds)
 
     def table(
@@ -240,3 +243,55 @@ class AuditResult(Judged):
             ],
             **({} if self.provenance is None else {"provenance": self.provenance.to_dict()}),
         }
+
+
+def look_first(audit: AuditResult, faulty: Collection[Hashable] = ()) -> list[int]:
+    """Demonstrations without a label to look at first: the `faulty` ones, then the first in the order of looking."""
+    at, order = {name: m for m, name in enumerate(audit.ids)}, looking_order(audit)[0]
+    known = {*np.flatnonzero(audit.answers.shared(audit.copy_of).said).tolist()}
+    first = dict.fromkeys(m for m in (*(at[name] for name in faulty if name in at), *order) if m not in known)
+    return [*first][: n_first(len(audit.ids))]
+
+
+def first_sentence(audit: AuditResult, faulty: Collection[Hashable] = ()) -> str:
+    """Which demonstrations to look at first, without those that have a label."""
+    first = look_first(audit, faulty)
+    if not first:
+        return "Every demonstration has a label."
+    names = listed([short_id(audit.ids[m]) for m in first], MAX_NAMED_FIRST, ", ")
+    return f"Look at {'these' if len(first) > 1 else 'this'} {len(first):,} first: {names}."
+
+
+def headline(audit: AuditResult, most: int = MAX_IDS) -> str:
+    """The finding in one sentence, with numbers and up to `most` names, the lowest score first; 0 for none."""
+    counts, ranked = audit.verdict_counts(), audit.ranking()[::-1].tolist()
+    below = [one for one, size in counts.items() if size and SIDES[one] == "lower"]
+    lists = ([short_id(audit.ids[m]) for m in ranked if audit.verdicts[m] == one] for one in below)
+    names = {one: listed(own, most, ", ") for one, own in zip(below, lists, strict=True) if most}
+    if audit.finding == "answered":
+        sizes = ((one, size) for one, size in counts.items() if size and one != "outlier")
+        said = (numbered(size, one) + f" ({names.get(one)})" * (one in names) for one, size in sizes)
+        return f"By {audit.told}: {', '.join(said)}."
+    if audit.finding in ACTING and below:
+        n = counts[below[0]]
+        some = f"{n:,} of {len(audit.ids):,} act{'s' * (n == 1)} {ACTING[audit.finding]}"
+        return f"{some}: {names[below[0]]}." if names else f"{some}."
+    sentence = FINDINGS[audit.finding]
+    if audit.finding == "a group apart" and audit.groups:
+        alike, n = {*audit.groups["B"]}, sum(map(len, audit.groups.values()))  # of one task
+        own = [short_id(audit.ids[m]) for m in ranked if audit.ids[m] in alike]
+        who = f"{len(own):,} of {n:,} act alike, and differ from the rest"
+        members = f" ({listed(own, most, ', ')})" if most else ""
+        return f"{who}{members}; {sentence.partition('; ')[2]}"
+    if audit.finding == "two groups" and audit.groups:
+        both = " and ".join(f"{len(ids):,}" for ids in audit.groups.values())
+        return f"Two groups act differently: {both}{sentence.removeprefix('Two groups act differently')}"
+    if audit.finding != "nothing could be learned":
+        return sentence
+    return f"{audit.finding.capitalize()}: {sentence[:1].lower()}{sentence[1:]}"
+
+
+def verdict_sentence(audit: AuditResult) -> str:
+    """How many demonstrations have which verdict."""
+    size = f"{counted(len(audit.ids), 'demonstration')} ({audit.offsets[-1]:,} steps)"
+    return f"{size}: {in_numbers(audit.verdict_counts())}."

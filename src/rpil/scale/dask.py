@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
 
-from rpil.data.errors import DataError
-from rpil.data.guard import guarded
+from rpil.data.errors import DataError, guarded
 from rpil.numerics.blocks import Sums, add
 from rpil.scale.local import identity
 from rpil.scale.protocol import R, Shards, T

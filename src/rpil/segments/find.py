@@ -2,6 +2,11 @@
 
 An act is low that leaves things where others do not leave them (`progress`), that the next one does
 again, or after which a person takes over. It is named where that is rare: what many do is the way to do it.
+
+A hand is a column with a home: it is as at first in a good part of the rows, elsewhere in another, seldom between, and
+it returns, as a gripper that opens. An act is what one closed hand does, with the way there and the way back. The cut
+between two lies where the demonstration is farthest from the end of the one and the begin of the next. Where nothing is
+a hand, acts are what lies between two rests of all. What moves mainly while a hand is closed is a thing.
 """
 
 from __future__ import annotations
@@ -11,15 +16,113 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.special import expit
 
+from rpil.data.archive import settings_record
 from rpil.data.arrays import spans
 from rpil.data.demonstrations import Demonstrations
+from rpil.inference.answered import answer
+from rpil.inference.answers import Answers
+from rpil.inference.channels import normal_scores
+from rpil.inference.settings import AnswerSettings
 from rpil.numerics.types import Array, Bool, Float, Int
-from rpil.segments.cuts import MovedColumns
-from rpil.segments.idle import idle_rows
-from rpil.segments.kinds import KINDS, Segments
-from rpil.segments.settings import SegmentSettings
-from rpil.segments.taught import MarkedRows, taught
+from rpil.segments.ranges import KINDS, Segments, idle_rows
+
+MarkedRows = tuple[int, int, int, bool]
+"""The number of a demonstration, its first row, the row after the last, and whether these are good."""
+
+
+@settings_record(level="(0, 0.5)", at_home="(0, 0.5)", between="(0, 1)", least_move="(0, 1)", few="(0, 1]")
+class SegmentSettings:
+    """Acts, their progress and their candidates. Lengths are shares of the range of a column."""
+
+    level: float = 0.16
+    """Length by which a column leaves its first value where a hand closes; half of it where a thing is moved."""
+    at_home: float = 0.25
+    """Share of the rows in which a hand is as at first, at least, and in which it is not."""
+    between: float = 0.1
+    """Share of the rows in which a hand is on its way, at most."""
+    window_share: float = 1 / 40
+    """Rows within which a move is measured, relative to the median demonstration; three at least."""
+    least_move: float = 0.02
+    """Length by which a column moves within these rows, at least; else it rests."""
+    few: float = 1 / 3
+    """Share of its moves that a thing does while no hand is closed, and of demonstrations with a mistake, at most."""
+    near: float = 0.03
+    """Length within which two values are one place."""
+    least_acts: int = 8
+    """Acts of others from which a density tells something."""
+    again: float = 0.5
+    """Share of what an act moves from which the next one, that moves it, does it again."""
+    done_again: float = 1.0
+    """Nats that the score of an act loses where the next one does it again."""
+    shortfall: float = 3.0
+    """Nats below the median from which an act is a candidate, and that it loses where a person takes over after it."""
+    answers: AnswerSettings = AnswerSettings(precision=4.0, error=0.1)
+    """Regression on marked segments: few, and the ranking stands until they are more."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovedColumns:
+    """Columns of a set of demonstrations laid end to end, and in which rows they move."""
+
+    values: Float[Array, "N C"]
+    """Observations and continuous actions in ranges, without their outer hundredths; those that never move are 0."""
+    offsets: Int[Array, " _"]
+    window: int
+    """Rows within which a move is measured."""
+    moves: Bool[Array, "N C"]
+    is_action: Bool[Array, " C"]
+
+    @classmethod
+    def of(cls, demonstrations: Demonstrations, settings: SegmentSettings) -> MovedColumns:
+        """Measure `demonstrations`."""
+        actions = [] if demonstrations.is_discrete else [demonstrations.actions]
+        values = np.concatenate([demonstrations.observations, *actions], axis=1).astype(float)
+        low, high = np.quantile(values, [0.01, 0.99], axis=0)
+        values = (values - low) / np.where(high > low, high - low, np.inf)
+        window = max(3, round(settings.window_share * float(np.median(demonstrations.lengths))))
+        rows, groups, offsets = np.arange(len(values)), demonstrations.groups, demonstrations.offsets
+        ahead = np.minimum(rows + window - window // 2, offsets[groups + 1] - 1)
+        behind = np.maximum(rows - window // 2, offsets[groups])
+        moves = np.abs(values[ahead] - values[behind]) > settings.least_move
+        is_action = np.arange(values.shape[1]) >= demonstrations.observations.shape[1]
+        return cls(values, offsets, window, moves, is_action)
+
+    def closed(self, settings: SegmentSettings) -> tuple[Bool[Array, " N"], bool]:
+        """The rows in which the hand is away from its home, or where there is none, in which something moves; and
+        whether there is one."""
+        distance = np.abs(self.values - np.median(self.values[self.offsets[:-1]], axis=0))
+        away, near = distance > settings.level, distance < settings.level / 2
+        between = (~near & (distance < 1.5 * settings.level)).mean(axis=0)
+        returns = np.append(away[:-1] & ~away[1:], away[:1] & False, axis=0)
+        returns[self.offsets[1:] - 1] = False
+        counts = np.median(np.add.reduceat(returns, self.offsets[:-1], axis=0), axis=0)
+        is_even = (near.mean(axis=0) > settings.at_home) & (near.mean(axis=0) < 1 - settings.at_home)
+        is_hand = is_even & (between < settings.between) & (counts > 0)
+        has_hand = bool(is_hand.any())
+        hand = int(np.argmin(np.where(is_hand, between, 1.0)))
+        return np.asarray(away[:, hand] if has_hand else self.moves.any(axis=1)), has_hand
+
+    def things(self, closed: Bool[Array, " N"], settings: SegmentSettings) -> Bool[Array, " C"]:
+        """The observations that seldom move while no hand is closed."""
+        shares = [self.moves[rows].sum(axis=0) / max(rows.sum(), 1) for rows in (~closed, closed)]
+        return np.asarray((shares[0] < settings.few * shares[1]) & ~self.is_action)
+
+    def cuts(self, closed: Bool[Array, " N"]) -> Int[Array, " K"]:
+        """First rows of the acts, but for those of the first acts of demonstrations."""
+        found = list[int]()
+        for begin, end in pairwise(self.offsets.tolist()):
+            own, acts = self.values[begin:end, ~self.is_action], closed[begin:end].copy()
+            for a, b in spans(~acts):
+                if a > 0 and b < len(acts) and b - a < self.window:
+                    acts[a:b] = True
+            for (_, a), (b, _) in pairwise(spans(acts)):
+                way = own[a:b]
+                away = np.linalg.norm(way - way[0], axis=1) + np.linalg.norm(way - way[-1], axis=1)
+                found.append(begin + a + int(np.argmax(away)))
+        return np.array(found, dtype=int)
+
 
 ACT, IDLE, TAKEOVER, BACK, REPEATED = range(len(KINDS))
 
@@ -174,3 +277,29 @@ def near(
     for a, b in pairwise(np.flatnonzero(np.diff(demonstration, prepend=-1, append=-1)).tolist()):
         counts[a:b] -= ((values[a:b] >= low[a:b, None]) & (values[a:b] <= high[a:b, None])).sum(axis=1)
     return counts
+
+
+def taught(
+    segments: Segments, facts: Float[Array, "N F"], labels: Sequence[MarkedRows], settings: SegmentSettings
+) -> Segments:
+    """The same with P(good) as score, learned from the score and `facts`, where one label is good and one bad."""
+    known = Answers.of_labels(marked(segments, labels))
+    if not known.contrast:
+        return segments
+    score = np.nan_to_num(segments.score)
+    columns = np.column_stack([normal_scores(np.column_stack([score, np.nan_to_num(facts)])), np.clip(score, -2, 2)])
+    found = answer(columns, known, settings.answers, np.arange(len(columns)))
+    is_new = ((found.verdicts < 0) & (known.labels == 0)).tolist()
+    like = ["is like what was marked bad" if new else "" for new in is_new]
+    reasons = [reason or other for reason, other in zip(segments.reason, like, strict=True)]
+    return replace(segments, score=expit(found.log_odds), reason=reasons)
+
+
+def marked(segments: Segments, labels: Sequence[MarkedRows]) -> Int[Array, " N"]:
+    """1 of the segments that share half of their rows, or of those of a label, with one that says good; -1 of bad."""
+    found = np.zeros(len(segments.start), dtype=np.int64)
+    for m, start, end, is_good in labels:
+        shared = np.minimum(segments.end, end) - np.maximum(segments.start, start)
+        least = np.minimum(segments.end - segments.start, end - start) / 2
+        found[(segments.demonstration == m) & (shared > 0) & (shared >= least)] = 1 if is_good else -1
+    return found

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.guard import in_words
+from rpil.data.errors import DataError, MissingExtraError, in_words
 from rpil.data.spaces import Box, Discrete, Space
 from rpil.numerics.types import Array
 

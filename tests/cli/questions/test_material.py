@@ -7,10 +7,8 @@ import base64
 import numpy as np
 import pytest
 
-from rpil import open as open_data
 from rpil import read
-from rpil.cli.questions.material import N_POINTS, Recorded
-from rpil.data.demonstrations import Demonstrations
+from rpil.cli.questions.session import N_POINTS, Recorded
 from rpil.data.errors import DataError
 
 
@@ -35,20 +33,6 @@ def test_parts_of_the_action_come_first_and_then_the_observations(data):
     own = slice(*demonstrations.offsets[3:5])
     for curve, true in ((action, demonstrations.actions[own, 0]), (x, demonstrations.observations[own, 0])):
         np.testing.assert_allclose(values(curve), true, atol=np.ptp(true) / 254)
-
-
-def test_data_on_disk_are_drawn_as_those_in_memory(data):
-    on_disk = open_data(data, observations=["x", "v"], on_disk=True).demonstrations
-    in_memory, there = Recorded(read(data, observations=["x", "v"])), Recorded(on_disk)
-    assert there.columns == in_memory.columns
-    assert there.curves(7) == in_memory.curves(7)
-
-
-def test_actions_that_are_words_are_numbers_of_their_classes():
-    actions = np.array(["stay", "left", "right", "stay"])
-    recorded = Recorded(Demonstrations(np.zeros((4, 1)), actions, np.array([0, 3, 4]), ids=("a", "b")))
-    assert recorded.columns[0]["classes"] == ["left", "right", "stay"]
-    assert values(recorded.curves(0)[0]) == pytest.approx([2, 0, 1], abs=0.01)
 
 
 def test_a_column_of_all_is_drawn_on_one_scale(data):

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import lerobot_folders
-from rpil.cli.questions.material import FRAME_WIDTH, EpisodeVideos
+from rpil.cli.questions.session import FRAME_WIDTH, EpisodeVideos
 from rpil.data.errors import DataError
 
 av = pytest.importorskip("av")
@@ -68,12 +67,3 @@ def test_a_folder_whose_link_leads_out_of_it_shows_none(tmp_path):
     videos = EpisodeVideos.of(str(root), (0, 1), 20.0)
     assert not videos.shots
     assert "leads out of" in videos.note
-
-
-def test_a_damaged_video_is_named(tmp_path):
-    root = lerobot_folders.write(tmp_path / "set", [8, 8])
-    videos = EpisodeVideos.of(str(root), (0, 1), 20.0)
-    (file,) = root.rglob("*.mp4")
-    Path(file).write_bytes(file.read_bytes()[:500])
-    with pytest.raises(DataError, match="it is no video, or a damaged one"):
-        videos.frame(0, 0, 0)

@@ -1,4 +1,4 @@
-"""The page of a review in a browser: answers by keys, tabs, videos, and what is written."""
+"""The page of a review in a browser: answers by keys, and what is written."""
 
 from __future__ import annotations
 
@@ -14,23 +14,6 @@ need_server()
 
 VERSION = "Number(document.querySelector('.ask').dataset.version)"
 CHOSEN = "document.querySelector('.detail h3').innerText"
-LISTENED = """(() => {
-  const now = fetch;
-  Object.assign(window, { asking: 0, unanswered: 0, isDeaf: false });
-  window.fetch = async (path, ...more) => {
-    if (path === "/api/version" && isDeaf) {
-      unanswered++;
-      return new Promise(() => {});
-    }
-    asking++;
-    try {
-      return await now(path, ...more);
-    } finally {
-      asking--;
-    }
-  };
-})()"""
-"""Counts requests; once `isDeaf`, those for the version are never answered."""
 
 
 def address_of(client):
@@ -99,30 +82,3 @@ def test_answers_by_keys_are_written_and_shown(audit, browser, tmp_path):
         browser.evaluate("location.reload()")
         browser.wait("document.querySelector('.ask')?.innerText.includes('3 answers of this run')")
         assert all(url.startswith((f"http://{client.host}/", "data:", "blob:")) for url in browser.requests[1:])
-
-
-@needs_chromium
-@pytest.mark.slow
-def test_a_tab_shows_what_another_answered_and_what_was_finished(audit, browser):
-    with serving(review_of(audit)) as client:
-        browser.open(client.gate.url)
-        browser.wait(f"{VERSION} === 0")
-        browser.evaluate(LISTENED)
-        browser.type("[data-role=search]", "1")
-        browser.evaluate("document.querySelector('[data-role=search]').dispatchEvent(new Event('input'))")
-        assert browser.text("[data-role=shown]").endswith("of 24 demonstrations")
-        client.answer(0, "b", 3)
-        browser.wait(f"{VERSION} === 1")
-        assert browser.evaluate("document.querySelector('[data-role=search]').value") == "1", "filters stay"
-        assert browser.text("[data-role=shown]").endswith("of 24 demonstrations")
-        # An answer of a page that has not yet seen the last one is not taken, nor does it wait for the next look.
-        browser.evaluate("isDeaf = true")
-        browser.wait("asking === 0 && unanswered === 1")
-        client.answer(1, "b", 5)
-        browser.click("[data-mark=good]")
-        browser.wait("document.querySelector('[data-role=said]').innerText.includes('Another tab')")
-        assert read_answers("labels.csv")[0] == {"3": "bad", "5": "bad"}
-        browser.errors = [error for error in browser.errors if "409" not in error]
-    browser.press("g")
-    browser.wait("document.querySelector('[data-role=said]').innerText.includes('The server has ended')")
-    browser.errors = [error for error in browser.errors if "ERR_CONNECTION" not in error]

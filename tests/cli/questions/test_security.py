@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rpil.cli.questions.security import MAX_BODY
+from rpil.cli.questions.server import MAX_BODY
 from served import need_server, review_of, serving
 
 need_server()
@@ -39,11 +39,8 @@ def test_the_address_with_the_token_leads_to_the_page_with_a_cookie(client):
     given = f"other=1; {name}={rest.partition(';')[0]}"
     assert client.ask("GET", "/", cookie=given)[0] == 200
     assert str(client.gate.port) in name, "servers at two ports share all cookies"
-
-
-def test_another_program_may_show_the_token_in_a_header(client):
-    assert client.ask("GET", "/api/version", cookie=None, x_rpil_token=client.gate.token)[0] == 200
-    assert client.ask("GET", "/api/version", cookie=None, x_rpil_token="no")[0] == 403
+    for token, status in ((client.gate.token, 200), ("no", 403)):  # of another program, in a header
+        assert client.ask("GET", "/api/version", cookie=None, x_rpil_token=token)[0] == status
 
 
 def test_without_the_token_nothing_is_told(client):
@@ -71,14 +68,11 @@ def test_another_name_of_the_server_is_refused(client):
 BODY = {"version": 0, "demonstrations": [0], "key": "g"}
 
 
-def test_another_page_may_change_nothing(client):
+def test_another_page_may_change_nothing_also_by_what_a_form_can_post(client):
     for origin in (None, "null", "http://evil.example", "http://127.0.0.1", "https://127.0.0.1:{port}"):
         given = origin and origin.format(port=client.gate.port)
         for path in ("/api/answer", "/api/undo", "/api/finish"):
             assert client.ask("POST", path, BODY, origin=given)[0] == 403, (origin, path)
-
-
-def test_what_a_form_can_post_is_refused(client):
     for kind in (None, "text/plain", "application/x-www-form-urlencoded", "application/jsonx"):
         assert client.ask("POST", "/api/answer", BODY, content_type=kind)[0] == 415, kind
 

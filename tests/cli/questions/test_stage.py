@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import lerobot_folders
 from browser import needs_chromium
 from rpil import RPIL, read
-from rpil.cli.questions.material import EpisodeVideos, Recorded
+from rpil.cli.questions.session import EpisodeVideos
 from rpil.data.id_values import AnswerRow, read_answer_rows, read_answers
 from served import need_server, review_of, serving
 from small import FAST
@@ -108,63 +107,6 @@ def test_films_play_in_step_by_keys_with_a_bar_of_their_own(browser, episodes, f
         browser.wait(f"{VERSION} === 1 && old.every((film) => !film.hasAttribute('src'))")  # no connection is kept
 
 
-@needs_chromium
-@pytest.mark.slow
-def test_without_films_what_was_recorded_is_drawn_where_the_pair_differs_most(audit, data, browser):
-    recorded = read(data, observations=["x", "v"])
-    with serving(review_of(audit, data=recorded)) as client:
-        ask_about((browser, client))
-        pair, said = [audit.index(name) for name in audit.pair], ("outlier", "score", "P(")
-        rows = [browser.text(f'tr[data-row="{m}"]') for m in pair]  # the opinion of the audit comes after the answer
-        shown = (*rows, browser.text(".ask"), browser.text(".detail"), browser.text("article > header"))
-        assert not [word for text in shown for word in said if word in text]
-        browser.wait("document.querySelectorAll('.ask .overlays canvas').length === 2")
-        names = browser.evaluate("[...document.querySelector('.overlays select').options].map((one) => one.text)")
-        assert sorted(names) == ["action (action)", "v", "x"]
-        columns = Recorded(recorded).columns
-        assert [one["name"] for one in columns] == ["action", "x", "v"]
-        phases = [np.concatenate(_values(recorded, audit.index(name)), axis=1) for name in audit.pair]
-        distance = abs(phases[0] - phases[1]).mean(axis=0) / [one["spread"] for one in columns]
-        most = [columns[c]["name"] for c in np.argsort(-distance, kind="stable")]
-        assert [name.partition(" ")[0] for name in names] == most
-        top = "document.querySelector('.answers').getBoundingClientRect().top"
-        before = browser.evaluate(top)
-        browser.evaluate(
-            f"tops = []; new MutationObserver(() => tops.push({top}))"
-            ".observe(document.body, { childList: true, subtree: true })"
-        )
-        browser.press("1")
-        browser.wait(f"{VERSION} === 1 && document.querySelectorAll('.ask .overlays canvas').length === 2")
-        assert "Now: 20 open, 4 outliers." in browser.text(".ask [role=status]")
-        tops = browser.evaluate("tops")
-        assert len(tops) > 1
-        a_line = 30  # more or less of the sentence above them
-        assert min(tops) > before - a_line, "buttons stay where they are while the next is drawn"
-        shown = "document.querySelector('.ask .overlays canvas').toDataURL()"
-        light = browser.evaluate(shown)
-        browser.resize(1280, 900, dark=True)
-        browser.wait(f"{shown} !== {json.dumps(light)}")
-        browser.resize(1280, 900)
-        browser.evaluate("document.querySelector('.overlays select').selectedIndex = 2")
-        browser.evaluate("document.querySelector('.overlays select').dispatchEvent(new Event('change'))")
-        browser.wait("document.querySelectorAll('.ask .overlays canvas').length === 2")
-        browser.press(" ")
-        browser.wait(f"!{CLOCK}.startsWith('0.0')")
-        browser.press(" ")
-        cursor = "new DOMMatrix(getComputedStyle(document.querySelector('.ask .u-cursor-x')).transform).e"
-        step, left = (
-            browser.evaluate("Number(document.querySelector('.ask .track input').value)"),
-            browser.evaluate(cursor),
-        )
-        width = browser.evaluate("document.querySelector('.ask .u-over').clientWidth")
-        assert left == pytest.approx((step + 0.5) / 40 * width, abs=2)
-
-
-def _values(recorded, m):
-    observations, actions = recorded[m]
-    return actions.reshape(len(actions), -1), observations
-
-
 @pytest.fixture
 def review(audit, data):
     return review_of(audit, data=read(data, observations=["x", "v"]))
@@ -190,7 +132,9 @@ def test_many_are_answered_at_once_and_taken_back_in_one_step(review):
 def test_a_sweep_chooses_by_clicks_and_keys_and_answers_for_all(review, browser):
     with serving(review) as client:
         browser.open(client.gate.url)
-        browser.wait(f"{VERSION} === 0")
+        browser.wait(f"{VERSION} === 0 && document.querySelectorAll('.ask .overlays canvas').length === 2")
+        shown = "".join(map(browser.text, (".ask", ".detail", "article > header")))
+        assert not [word for word in ("outlier", "score", "P(") if word in shown], "an opinion comes after the answer"
         browser.press("v")
         browser.wait(
             f"{TILES}.length === 24 && {TILES}.every((one) => one.querySelector('polyline').points.length > 9)"

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import filecmp
 import json
-import os
 
 import pyarrow.parquet as pq
 import pytest
 
 from command_line import ok, refused
 from lerobot_folders import write
-from rpil.data.errors import DataError
-from rpil.formats.registry import find
 
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 
@@ -66,11 +63,3 @@ def test_what_cannot_be_annotated_is_refused_before_any_work(source, tmp_path):
     refused(r"no folder of LeRobot 3\.0", "audit", older, "--annotate", tmp_path / "new")
     (tmp_path / "data.csv").write_text("episode,x,action\n" + "0,1,2\n1,2,3\n" * 9)
     refused(r"no folder of LeRobot 3\.0", "audit", tmp_path / "data.csv", "--annotate", tmp_path / "new")
-
-
-def test_a_link_of_a_video_out_of_the_folder_is_not_followed(source, tmp_path):
-    (tmp_path / "secret").write_text("secret")
-    os.symlink(tmp_path / "secret", source / "videos" / "x.mp4")
-    with pytest.raises(DataError, match="leads out of"):
-        find(source).annotate(tmp_path / "new", {})
-    assert not (tmp_path / "new").exists()

@@ -1,7 +1,6 @@
 """Episodes that are kept with their videos: read again in LeRobot's way, frame by frame."""
 
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -31,9 +30,8 @@ def assert_same(new, old):
             assert new["rows"][name].to_pylist() == old["rows"][name].to_pylist()
 
 
-@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
-def test_frames_of_kept_episodes_are_the_same(tmp_path, version):
-    root = folders.write(tmp_path / "drive", LENGTHS, version, ("front", "wrist"))
+def test_frames_of_kept_episodes_are_the_same(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS, cameras=("front", "wrist"))
     old = folders.read(root)
     for ids in ([1, 2, 4, 6], [5]):
         output = tmp_path / f"kept{len(ids)}"
@@ -42,16 +40,14 @@ def test_frames_of_kept_episodes_are_the_same(tmp_path, version):
         assert len(new) == len(ids)
         for one, m in zip(new, ids, strict=True):
             assert_same(one, old[m])
-        assert len([*output.rglob("*.mp4")]) == 2 * len({m // 3 if version == "v3.0" else m for m in ids})
+        assert len([*output.rglob("*.mp4")]) == 2 * len({m // 3 for m in ids})
+        info = json.loads((output / "meta" / "info.json").read_text())
+        assert (info["fps"], info["splits"]) == (folders.FPS, {"train": f"0:{len(ids)}"})
 
 
-@pytest.mark.parametrize("version", ["v3.0", "v2.1"])
-def test_statistics_are_those_of_the_kept(tmp_path, version):
-    root, ids = folders.write(tmp_path / "drive", LENGTHS, version), [1, 3, 6]
+def test_statistics_are_those_of_the_kept(tmp_path):
+    root, ids = folders.write(tmp_path / "drive", LENGTHS), [1, 3, 6]
     expected = folders.image_statistics([one for m in ids for one in folders.pictures(m, LENGTHS[m])])
-    if version == "v2.1":  # as version 2.0 has it, beside the statistics by episode
-        stats = dict.fromkeys(("observation.images.front", "action"), expected)
-        (root / "meta" / "stats.json").write_text(json.dumps(stats))
     for place in (root / "meta").glob("*.json*"):  # as an editor of Windows saves them
         place.write_text(place.read_text(), encoding="utf-8-sig")
     find(root).keep(tmp_path / "kept", ids)
@@ -60,42 +56,29 @@ def test_statistics_are_those_of_the_kept(tmp_path, version):
         np.testing.assert_allclose(found["observation.images.front"][name], expected[name], rtol=1e-6)
     actions = pq.read_table(tmp_path / "kept" / "data")["action"].to_pylist()
     np.testing.assert_allclose(found["action"]["min"], np.min(actions, axis=0))
-    if version == "v2.1":
-        lines = (tmp_path / "kept" / "meta" / "episodes_stats.jsonl").read_text().splitlines()
-        rows = [json.loads(line) for line in lines]
-        assert [row["stats"]["action"]["count"] for row in rows] == [[LENGTHS[m]] for m in ids]
 
 
-def test_statistics_that_cannot_be_joined_are_named(tmp_path):
+def test_statistics_that_no_episode_has_stay(tmp_path):
     root = folders.write(tmp_path / "drive", LENGTHS)
     stats = json.loads((root / "meta" / "stats.json").read_text()) | {"images.gone": {"min": [0]}}
     (root / "meta" / "stats.json").write_text(json.dumps(stats))
-    with pytest.warns(UserWarning, match=r"statistics of 'images\.gone' are still those of all"):
-        find(root).keep(tmp_path / "kept", [1])
+    find(root).keep(tmp_path / "kept", [1])
     assert json.loads((tmp_path / "kept" / "meta" / "stats.json").read_text())["images.gone"] == {"min": [0]}
 
 
-def test_episodes_within_each_other_are_sorted(tmp_path, monkeypatch):
+def test_episodes_within_each_other_are_sorted(tmp_path):
     root = folders.write(tmp_path / "drive", LENGTHS)
     old = folders.read(root)
     file = root / "data" / "chunk-000" / "file-000.parquet"
     table = pq.read_table(file)
-    pq.write_table(table.take(np.argsort(table["frame_index"].to_numpy(), kind="stable")), file)
+    mixed = table.take(np.argsort(table["frame_index"].to_numpy(), kind="stable"))
+    pq.write_table(mixed, file)
     find(root).keep(tmp_path / "kept", [0, 2, 4])
     for one, m in zip(folders.read(tmp_path / "kept"), [0, 2, 4], strict=True):
         assert_same(one, old[m])
-    monkeypatch.setattr("rpil.formats.parquet.BATCH_ROWS", 5)  # which are not sorted together
+    pq.write_table(mixed, file, row_group_size=5)  # which are not sorted together
     with pytest.raises(DataError, match="within each other"):
         find(root).keep(tmp_path / "other", [0, 1])
-
-
-def test_totals_of_version_2(tmp_path):
-    root = folders.write(tmp_path / "drive", LENGTHS, "v2.1", ("front", "wrist"))
-    find(root).keep(tmp_path / "kept", [2, 5])
-    info = json.loads((tmp_path / "kept" / "meta" / "info.json").read_text())
-    assert (info["total_videos"], info["total_chunks"], info["fps"]) == (4, 1, folders.FPS)
-    assert info["splits"] == {"train": "0:2"}
-    assert len([*(tmp_path / "kept" / "videos").rglob("*.mp4")]) == 4
 
 
 def test_videos_that_are_missing_are_named(tmp_path):
@@ -109,20 +92,15 @@ def test_videos_that_are_missing_are_named(tmp_path):
     find(root).keep(tmp_path / "damaged", [0, 4])
     assert any("no video, or a damaged one" in one.sentence for one in find_defects(tmp_path / "damaged", False))
     video.unlink()
-    with pytest.raises(DataError, match=r"file-001\.mp4: this video is not there"):
+    with pytest.raises(DataError, match=r"file-001\.mp4: this video is not there; download it, .* write the list"):
         find(root).keep(tmp_path / "kept", [0, 4])
     find(root).keep(tmp_path / "kept", [0, 1])
     assert len(folders.read(tmp_path / "kept")) == 2
-    shutil.rmtree(root / "videos" / "observation.images.wrist")
-    with pytest.warns(UserWarning, match="no video of 'observation.images.wrist' is there"):
-        find(root).keep(tmp_path / "other", [0, 4])
-    assert folders.read(tmp_path / "other")[0].keys() == {"rows", "observation.images.front"}
-    assert "observation.images.wrist" not in json.loads((tmp_path / "other" / "meta" / "stats.json").read_text())
 
 
 @pytest.mark.parametrize("place", ["../../{video_key}.mp4", "videos/../../secret.mp4"])
 def test_no_video_outside_the_folder_is_read(tmp_path, place):
-    root = folders.write(tmp_path / "drive", LENGTHS, "v2.1")
+    root = folders.write(tmp_path / "drive", LENGTHS)
     for name in ("observation.images.front.mp4", "secret.mp4"):
         (tmp_path / name).write_bytes(b"key")
         (tmp_path.parent / name).write_bytes(b"key")
@@ -137,7 +115,6 @@ def test_no_video_outside_the_folder_is_read(tmp_path, place):
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="needs files of other people's tools")
-@pytest.mark.filterwarnings("ignore:.*statistics of")
 @pytest.mark.parametrize(("name", "ids"), [("lerobot_v3_video", [1, 2, 7, 11])])
 def test_what_lerobot_itself_wrote(tmp_path, name, ids):
     old = folders.read(REAL / name)
@@ -146,16 +123,3 @@ def test_what_lerobot_itself_wrote(tmp_path, name, ids):
     assert len(new) == len(ids)
     for one, m in zip(new, ids, strict=True):
         assert_same(one, old[m])
-
-
-@pytest.mark.skipif(not REAL.is_dir(), reason="needs files of other people's tools")
-@pytest.mark.filterwarnings("ignore:.*statistics of")
-def test_a_partial_download_of_version_2(tmp_path):
-    find(REAL / "lerobot_v21_video").keep(tmp_path / "kept", [1, 3])
-    info = json.loads((tmp_path / "kept" / "meta" / "info.json").read_text())
-    assert (info["total_episodes"], info["total_frames"]) == (2, 523)
-    for number, old in enumerate((1, 3)):
-        for camera in ("cam0", "cam1"):
-            place = f"videos/chunk-000/observation.images.{camera}/episode_{{:06d}}.mp4"
-            new_bytes = (tmp_path / "kept" / place.format(number)).read_bytes()
-            assert new_bytes == (REAL / "lerobot_v21_video" / place.format(old)).read_bytes()

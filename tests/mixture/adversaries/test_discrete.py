@@ -168,12 +168,3 @@ def test_given_confusion_is_never_learned_and_must_be_square_rows_of_distributio
     for bad in ([[0.5, 0.5]], [0.5, 0.5], *([first, [0.0, 1.0]] for first in ([1.0, 1.0], [1.5, -0.5], [np.nan, 1.0]))):
         with refused("rows are distributions"):
             Confusion.given(bad)
-
-
-def test_impossible_action_has_no_intended_action():
-    features, log_policy, _ = steps(3)
-    stuck = Confusion.given([[0, 1, 0]] * 3)
-    actions = np.arange(N) % 2
-    log_prob, intended = stuck.log_prob(features, log_policy, actions), stuck.intended_action_proba(log_policy, actions)
-    np.testing.assert_allclose(log_prob, np.where(actions == 1, 0.0, -np.inf), atol=1e-12)
-    np.testing.assert_allclose(intended, np.where(actions[:, None] == 1, np.exp(log_policy), 0.0), atol=1e-12)

@@ -16,14 +16,11 @@ PROBLEM = make_continuous("noisy", 0).problem()
 FRESH = linear_policy(PROBLEM.space, ridge(PROBLEM), len(PROBLEM.actions))
 
 
-def test_names_are_those_of_adversaries():
-    for space in (PROBLEM.space, Discrete(3)):
-        for name in ADVERSARIES[space.kind]:
-            assert adversary(name, space, FRESH).name == name
-
-
 @pytest.mark.parametrize("name", ["complement", "confusion", "constant", "evil"])
-def test_unknown_names(name):
+def test_names_are_those_of_adversaries_and_others_are_refused(name):
+    for space in (PROBLEM.space, Discrete(3)):
+        for known in ADVERSARIES[space.kind]:
+            assert adversary(known, space, FRESH).name == known
     with refused(f"'{name}' for continuous actions; choose auto, uniform, marginal"):
         adversary(name, PROBLEM.space, FRESH)
     with refused("'evil' for discrete actions; choose auto, constant, uniform"):

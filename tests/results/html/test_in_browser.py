@@ -14,13 +14,14 @@ import pytest
 
 from audits import make_audit
 from browser import Browser, needs_chromium
+from rpil.data.id_values import read_answers
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.results.answering import looking_order
 from rpil.results.html.page import About, write_page
-from rpil.results.provenance import Provenance
+from rpil.results.judged import Provenance
 from rpil.results.record import Audit, Demonstrator
-from rpil.segments.kinds import Segments
+from rpil.segments.ranges import Segments
 
 pytestmark = [pytest.mark.slow, needs_chromium]
 
@@ -160,7 +161,6 @@ def test_marks_survive_a_reload_and_are_downloaded(browser: Browser, tmp_path: P
 
 
 def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp_path: Path) -> None:
-    from rpil import formats
 
     given = dict.fromkeys(("ids", "sessions", "own_reasons", "notes", "doubts", "method"), HOSTILE)
     given |= {"order": np.arange(float(len(HOSTILE))), "demonstrators": (Demonstrator(HOSTILE[0], None, HOSTILE),)}
@@ -177,7 +177,7 @@ def test_hostile_ids_are_text_and_are_labelled_as_they_are(browser: Browser, tmp
     browser.reload()
     browser.wait(marked(f"Your marks: {len(HOSTILE)} bad."))
     downloaded(tmp_path, browser, "labels", "labels.csv")
-    labels, _ = formats.read_answers(tmp_path / "labels.csv")
+    labels, _ = read_answers(tmp_path / "labels.csv")
     assert labels == dict.fromkeys(HOSTILE, "bad")
     kept = json.loads(downloaded(tmp_path, browser, "keep", "keep.json"))
     assert kept["episodes"] == []

@@ -9,7 +9,7 @@ import pytest
 
 from audits import make_audit
 from rpil.results.html.page import LEVELS, NO_VALUE, drawings, packed
-from rpil.results.judged import MAX_POINTS, bin_means, bin_starts
+from rpil.results.judged import MAX_POINTS, bin_starts
 
 
 def unpacked(curves, name):
@@ -37,11 +37,6 @@ def test_drawing_has_the_steps_of_its_demonstration():
     np.testing.assert_allclose(unpacked(drawn["trust"], "mean"), trust.mean(1), atol=1 / LEVELS)
 
 
-@pytest.mark.parametrize("values", [np.full(3, 4.0), np.full(3, np.nan)])
-def test_a_curve_that_is_flat_or_not_known_is_packed(values):
-    np.testing.assert_array_equal(unpacked(packed({"one": values}), "one"), values)
-
-
 @pytest.mark.parametrize("n_steps", [1, 7, MAX_POINTS, MAX_POINTS + 1, 12345])
 def test_points_are_nearly_equal_and_hold_every_step(n_steps: int) -> None:
     starts = bin_starts(n_steps)
@@ -50,9 +45,3 @@ def test_points_are_nearly_equal_and_hold_every_step(n_steps: int) -> None:
     assert starts[0] == 0
     assert widths.min() >= 1
     assert widths.max() - widths.min() <= 1
-
-
-def test_a_point_is_the_mean_of_its_steps() -> None:
-    values = np.random.default_rng(0).normal(size=2 * MAX_POINTS)
-    np.testing.assert_allclose(bin_means(values), values.reshape(-1, 2).mean(axis=1))
-    np.testing.assert_array_equal(bin_means(values[:9]), values[:9])

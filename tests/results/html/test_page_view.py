@@ -11,7 +11,6 @@ from audits import make_audit
 from html_page import Page
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
-from rpil.inference.answers import Answers
 from rpil.results.answering import looking_order
 from rpil.results.html.page import About, make_view, render_page
 from rpil.results.reasons import TWO_GROUPS, worst_stretch
@@ -52,15 +51,6 @@ def test_numbers_stand_for_ids():
     assert [found["demonstrations"]["look"].index(k) for k in range(10)] == order
     assert (found["n_review"], found["pair"], found["contradicting"]) == (n_review, [1, 7], [4, 6])
     assert "Which is better: d1" in found["question"]
-
-
-def test_an_answered_question_is_not_asked_again_and_answers_are_kept():
-    audit = make_audit(pair=(1, 7), labels={3: 1, 5: -1})
-    pairs, tied = np.array([[2, 4]]), np.array([[6, 7]])
-    audit = replace(audit, answers=Answers(audit.answers.labels, pairs, audit.answers.outcomes, tied))
-    found = view(audit)
-    assert (found["question"], found["pair"]) == ("", [])
-    assert found["answers"] == [[3, "good"], [5, "bad"], [2, "better than 4"], [6, "same as 7"]]
 
 
 def test_facts_beside_the_audit_are_those_of_each_demonstration():
@@ -106,8 +96,3 @@ def test_groups_and_demonstrators():
     assert page.index("Nobody can say yet whether a group is worse") < page.index(note) < page.index("Operators")
     without = Page(render_page(replace(audit, demonstrators=(replace(who, trust=None),)), About("Audit of x", "x.csv")))
     assert "ann 6 6 0 1.00 of the median length" in without.text
-
-
-def test_infinite_log_odds_are_written_as_json_can():
-    audit = make_audit(("open", "outlier"), log_odds=np.array([np.inf, -np.inf]))
-    assert '"log_odds":[null,null]' in render_page(audit, About("Audit of x", "x.csv"))

@@ -15,10 +15,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rpil.data.arrays import group_rows
-from rpil.data.errors import DataError, MissingExtraError
+from rpil.data.errors import DataError, MissingExtraError, guarded
 from rpil.data.files import check_inside, copy_folder, new_folder
-from rpil.data.guard import guarded
-from rpil.data.json_files import Parsed
+from rpil.data.memory import Parsed
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot.video import NEAR_SECONDS, find_faults, load_av
 from rpil.formats.metadata import MetaFolder, cameras, chunk_size, fill, frame_rate, usual_step
@@ -144,9 +143,7 @@ class CheckedFolder(MetaFolder):
         return pa.unify_schemas(schemas, promote_options="permissive") if schemas else None
 
     def statistics(self) -> dict[int, ByFeature]:
-        """Statistics of each episode by feature; empty where ``meta`` has none by episode."""
-        if self.schema is None:
-            return {int(row["episode_index"]): row["stats"] for row in self.rows("episodes_stats")}
+        """Statistics of each episode by feature, in version 3.0."""
         found: dict[int, ByFeature] = {}
         for row in self.rows("episodes", lambda column: column.startswith(("stats/", "episode_index"))):
             m, own = int(row.pop("episode_index")), defaultdict[str, dict[str, Parsed]](dict)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import warnings
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,16 +15,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rpil.data.arrays import group_rows
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import check_readable, copy_folder
-from rpil.data.guard import guarded
-from rpil.data.json_files import Parsed, read_json
-from rpil.data.names import quoted
+from rpil.data.memory import Parsed, read_json
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, Shot
 from rpil.formats.lerobot.checked_folder import (
-    EPISODES_STATS,
     INFO,
     PATHS,
     STATS,
@@ -41,7 +37,8 @@ from rpil.formats.metadata import cameras, chunk_size, fill
 from rpil.formats.parquet import keep_rows
 from rpil.numerics.types import Array
 
-_EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+_EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+_DATA_PATH, _VIDEO_PATH = PATHS["v3.0"]
 
 
 def claims(path: Path) -> bool:
@@ -53,8 +50,9 @@ def check_output(path: Path, output: Path) -> dict[str, Parsed]:
     """Read ``meta/info.json``; a `DataError` where `keep` cannot write to `output`."""
     info = CheckedFolder(path).info
     version = info.get("codebase_version")
-    if version not in PATHS:
-        raise DataError(f"{path}: a folder of version {str(version)[:20]!r} cannot be given back; name a .json file.")
+    if version != "v3.0":
+        said = f"keep writes folders of LeRobot 3.0, and this one is of version {str(version)[:20]!r}"
+        raise DataError(f"{path}: {said}; convert it by LeRobot first, or write the list with -o ids.json.")
     with guarded(path / INFO):
         seen = cameras(info, "video")
         wrong = [name for name in seen if not re.fullmatch(r"\w[\w.-]*", name)]
@@ -73,7 +71,7 @@ class Kept:
 
     old: CheckedFolder
     new: Path
-    info: dict[str, Parsed]  # what meta/info.json says
+    n_in_chunk: int  # files of a folder of files
     wanted: Set[str]
     numbers: dict[int, int] = field(default_factory=dict)  # the new one by the old one
     places: dict[int, tuple[int, int]] = field(default_factory=dict)  # chunk and file of the data, by the new number
@@ -81,29 +79,11 @@ class Kept:
     n_steps: int = 0
     place: tuple[int, int] = (0, 0)  # of the data file that is written
 
-    @property
-    def is_v3(self) -> bool:
-        return str(self.info["codebase_version"]) == "v3.0"
-
-    def place_of(self, number: int) -> tuple[int, int]:
-        """The chunk and the file of the new data file, or video of a camera, of this number."""
-        chunk, file = divmod(number, int(self.info["chunks_size"]))
-        return (chunk, file) if self.is_v3 else (chunk, number)
-
-    def target(self, of_videos: int, chunk: int, file: int, camera: str = "") -> Path:
-        """The place of a new file, in a folder that is there."""
-        place = self.new / fill(PATHS[self.info["codebase_version"]][of_videos], chunk, file, camera)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        return place
-
-    def copy_data(self) -> None:
-        """Write the data files that hold any of the episodes."""
-        for n, file in enumerate(self.old.data_files(self.wanted)):
-            self.place = self.place_of(n)
-            options = ColumnOptions(id="episode_index")
-            keep_rows(file, self.target(0, *self.place), self.wanted, options, self.renumbered)
-            if not self.is_v3 and len(self.numbers) != n + 1:
-                raise DataError(f"{file}: it holds several episodes, or one of another file; repair the data set.")
+    def target(self, template: str, place: tuple[int, int], camera: str = "") -> Path:
+        """The path of a new file, in a folder that is there."""
+        path = self.new / fill(template, *place, camera)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
 
     def renumbered(self, table: pa.Table) -> pa.Table:
         """Rows with new numbers of episode and step."""
@@ -121,44 +101,24 @@ class Kept:
         table = with_column(table, "episode_index", np.repeat(numbers, np.diff(offsets)))
         return with_column(table, "index", np.arange(first, self.n_steps)) if "index" in table.column_names else table
 
-    def write_episodes(self, videos: Mapping[str, Mapping[int, Shot]], gone: Sequence[str]) -> list[ByFeature]:
-        """Write what is said of the kept episodes, with their new numbers and places, and their videos.
-
-        `videos` say where each camera saw each episode; `gone` are the cameras that are left out. Returned are the
-        statistics of each episode, if there are any.
-        """
+    def write_episodes(self, videos: Mapping[str, Mapping[int, Shot]]) -> list[ByFeature]:
+        """Write what is said of the kept episodes, with their new numbers and places, and their videos, in which
+        `videos` say where each camera saw each episode. Returned are the statistics of each episode."""
         rows, statistics = {m: dict(self.old.episodes[m]) for m in self.numbers}, self.old.statistics()
         start, found = 0, []
         for m, new in self.numbers.items():
-            n, firsts = self.lengths[new], {"index": start, "episode_index": new}
-            rows[m].update(episode_index=new, length=n)
-            if self.is_v3:
-                rows[m].update(dataset_from_index=start, dataset_to_index=start + n)
-                for name, place in {"data": self.places[new], "meta/episodes": (0, 0)}.items():
-                    rows[m] |= {f"{name}/chunk_index": place[0], f"{name}/file_index": place[1]}
-            if statistics:
-                own = {feature: one for feature, one in statistics[m].items() if feature not in gone}
-                found.append(
-                    own | {name: moved(own[name], to) for name, to in firsts.items() if "min" in own.get(name, ())}
-                )
+            n, firsts, own = self.lengths[new], {"index": start, "episode_index": new}, statistics[m]
+            rows[m] |= {"length": n, "episode_index": new, "dataset_from_index": start, "dataset_to_index": start + n}
+            for name, place in {"data": self.places[new], "meta/episodes": (0, 0)}.items():
+                rows[m] |= {f"{name}/chunk_index": place[0], f"{name}/file_index": place[1]}
+            own |= {name: moved(own[name], to) for name, to in firsts.items() if "min" in own.get(name, ())}
+            rows[m] |= {f"stats/{feature}/{name}": x for feature, one in own.items() for name, x in one.items()}
+            found.append(own)
             start += n
         for camera, shots in videos.items():
             for m, said in self._copy_videos(camera, [shots[m] for m in self.numbers]).items():
-                rows[m] |= said if self.is_v3 else {}
-        if self.old.schema is not None:
-            of_gone = tuple(f"{what}/{camera}/" for camera in gone for what in ("videos", "stats"))
-            left = [field for field in self.old.schema if not field.name.startswith(of_gone)]
-            for row, own in zip(rows.values(), found, strict=True):
-                row |= {f"stats/{feature}/{name}": value for feature, one in own.items() for name, value in one.items()}
-            (self.new / _EPISODES).parent.mkdir(parents=True)
-            table = pa.Table.from_pylist([*rows.values()], pa.schema(left, self.old.schema.metadata))
-            pq.write_table(table, self.new / _EPISODES)
-        else:
-            lines = [{"episode_index": new, "stats": own} for new, own in enumerate(found)]
-            for name, written in {"meta/episodes.jsonl": [*rows.values()], EPISODES_STATS: lines}.items():
-                if written:
-                    text = "".join(f"{json.dumps(line)}\n" for line in written)
-                    (self.new / name).write_text(text, encoding="utf-8")
+                rows[m] |= said
+        pq.write_table(pa.Table.from_pylist([*rows.values()], self.old.schema), self.target(_EPISODES, (0, 0)))
         return found
 
     def _copy_videos(self, camera: str, shots: Sequence[Shot]) -> dict[int, dict[str, Parsed]]:
@@ -169,8 +129,8 @@ class Kept:
         places, said = dict[Path, tuple[int, int]](), dict[int, dict[str, Parsed]]()
         for shot in shots:
             if shot.path not in places:
-                places[shot.path] = self.place_of(len(places))
-                shutil.copyfile(check_readable(shot.path), self.target(1, *places[shot.path], camera))
+                places[shot.path] = divmod(len(places), self.n_in_chunk)
+                shutil.copyfile(check_readable(shot.path), self.target(_VIDEO_PATH, places[shot.path], camera))
             chunk, file = places[shot.path]
             where = {"chunk_index": chunk, "file_index": file, "from_timestamp": shot.start, "to_timestamp": shot.end}
             said[shot.episode] = {f"videos/{camera}/{name}": value for name, value in where.items()}
@@ -190,56 +150,34 @@ def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) ->
 
 
 def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> None:
-    """Write a new folder in the layout of its version."""
+    """Write a new folder in the layout of version 3.0."""
     info, old, meta = check_output(path, output), CheckedFolder(path), output / "meta"
-    kept = Kept(old, output, info, ids)
+    kept, seen = Kept(old, output, int(info["chunks_size"]), ids), defaultdict[str, dict[int, Shot]](dict)
     with guarded(old.path / "meta" / "episodes"):
-        if (old.schema is not None) != kept.is_v3:
-            raise DataError(
-                f"{old.path}: meta/episodes is not that of version {info['codebase_version'][1:]}; repair it."
-            )
-        missing = sorted(kept.wanted - set(map(str, old.episodes)))
-        if missing:
+        if old.schema is None:
+            raise DataError(f"{old.path}: meta/episodes is not that of version 3.0; repair it.")
+        if missing := sorted(ids - {*map(str, old.episodes)}):
             raise DataError(f"{old.path}, demonstration {missing[0]}: it is not in meta/episodes; repair the data set.")
-        seen: dict[str, dict[int, Shot]] = {camera: {} for camera in cameras(info, "video")}
-        for shot in old.shots(kept.wanted):
-            # Before version 3.0 ``meta`` need not say where in its video an episode lies.
-            if old.schema is None or f"videos/{shot.camera}/to_timestamp" in old.schema.names:
-                seen[shot.camera][shot.episode] = shot
+        for shot in old.shots(ids):
+            seen[shot.camera][shot.episode] = shot
+            if not shot.path.is_file():
+                ways = "download it, leave its episodes out, or write the list with -o ids.json"
+                raise DataError(f"{shot.path}: this video is not there; {ways}.")
     copy_folder(old.path / "meta", meta, without=("episodes", "info.json"))
-    gone = [camera for camera, own in seen.items() if not any(shot.path.is_file() for shot in own.values())]
-    for camera in gone:
-        del seen[camera], info["features"][camera]
-        message = f"{old.path}: no video of {camera!r} is there; the new folder does not name this camera."
-        warnings.warn(message, stacklevel=1)
-    lost = [shot.path for own in seen.values() for shot in own.values() if not shot.path.is_file()]
-    if lost:
-        raise DataError(f"{lost[0]}: this video is not there; download it, or leave its episodes out.")
-    kept.copy_data()
+    for n, file in enumerate(old.data_files(ids)):
+        kept.place = divmod(n, kept.n_in_chunk)
+        by_episode_index = ColumnOptions(id="episode_index")
+        keep_rows(file, kept.target(_DATA_PATH, kept.place), ids, by_episode_index, kept.renumbered)
     with guarded(old.path / "meta" / "episodes"):
-        by_episode = kept.write_episodes(seen, gone)
-        n, (data, videos) = len(kept.numbers), PATHS[info["codebase_version"]]
-        info |= {"total_episodes": n, "total_frames": kept.lengths.total(), "data_path": data}
-        info |= {"splits": {"train": f"0:{n}"}} | ({"video_path": videos} if seen else {})
-        of_v2 = {"total_videos": n * len(seen), "total_chunks": -(-n // int(info["chunks_size"]))}
-        info |= {name: value for name, value in of_v2.items() if name in info}
+        by_episode, n = kept.write_episodes(seen), len(kept.numbers)
+        info |= {"total_episodes": n, "total_frames": kept.n_steps, "data_path": _DATA_PATH}
+        info |= {"splits": {"train": f"0:{n}"}} | ({"video_path": _VIDEO_PATH} if seen else {})
         (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8")
-    with guarded(old.path / "meta" / "stats.json"):
-        _write_statistics(kept, by_episode, gone)
-
-
-def _write_statistics(kept: Kept, by_episode: Sequence[ByFeature], gone: Sequence[str]) -> None:
-    """Write the statistics of all features that ``meta`` has by episode, joined as LeRobot joins them."""
-    place = kept.new / STATS
-    if not place.is_file():
-        return
-    old = {name: one for name, one in read_json(place).items() if name not in gone}
-    common = set.intersection(*map(set, by_episode)) if by_episode else set[str]()
-    found = {name: joined_stats([own[name] for own in by_episode]) for name in old if name in common}
-    if left := [name for name in old if name not in found]:
-        message = f"{kept.old.path}: the statistics of {quoted(left, 5)} are still those of all episodes, because the "
-        warnings.warn(f"{message}recording does not say them by episode.", stacklevel=1)
-    place.write_text(json.dumps(old | found, indent=4), encoding="utf-8")
+    with guarded(old.path / STATS):
+        if (place := output / STATS).is_file():  # the statistics of a feature that none has by episode stay
+            stats, common = read_json(place), set.intersection(*map(set, by_episode))
+            stats |= {name: joined_stats([own[name] for own in by_episode]) for name in stats if name in common}
+            place.write_text(json.dumps(stats, indent=4), encoding="utf-8")
 
 
 FORMAT = Format(

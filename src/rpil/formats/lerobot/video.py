@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rpil.data.errors import DataError, optional
+from rpil.data.errors import DataError, guarded, optional
 from rpil.data.files import check_readable
-from rpil.data.guard import guarded
 from rpil.data.text import duration
 from rpil.formats.format import Defect, Shot
 from rpil.numerics.types import Array

@@ -16,7 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from rpil.data.files import replacing
-from rpil.data.json_files import finite
+from rpil.data.memory import finite
 from rpil.data.text import MAX_IDS, counted, printable
 from rpil.faults.report import RULES, FaultReport
 from rpil.faults.set_table import SetTable
@@ -25,11 +25,10 @@ from rpil.numerics.types import Array
 from rpil.results.answering import looking_order
 from rpil.results.choice import choose
 from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
-from rpil.results.overview import headline
 from rpil.results.reasons import TWO_GROUPS, worst_stretch
-from rpil.results.result import AuditResult
+from rpil.results.result import AuditResult, headline
 from rpil.results.vocabulary import SIDES, numbered
-from rpil.segments.kinds import KINDS, Segments
+from rpil.segments.ranges import KINDS, Segments
 
 MAX_FOUND, MAX_FIRST = 20_000, 8
 """Recording faults of a view, the worst, and the demonstrations with one that are shown first."""
