@@ -55,17 +55,6 @@ def test_search_finds_the_best_of_all_subsets(seed):
     assert tuple(np.flatnonzero(model.weights_)) == best
 
 
-def test_experts_are_selected_and_their_policy_is_learned():
-    toy = make("noisy", 1, n_good=8, n_bad=8, steps=(40, 60))
-    model = RMEnt(n_trusted=8).fit(toy.demonstrations)
-    np.testing.assert_array_equal(model.weights_, toy.is_good)
-    assert model.ids_ == toy.ids
-    assert model.converged_
-    good = toy.is_good[toy.groups]
-    oracle = BehavioralCloning().fit(toy.observations[good], toy.actions[good])
-    assert np.abs(model.predict_proba(toy.observations) - oracle.predict_proba(toy.observations)).mean() < 0.01
-
-
 def test_demonstrations_weigh_the_same_whatever_their_length():
     """Repeating all steps of one changes nothing when everybody is trusted."""
     observations, actions, groups = TOY.observations, TOY.actions, TOY.groups

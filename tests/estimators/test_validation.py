@@ -54,11 +54,6 @@ def test_rows_without_groups_are_refused_unless_each_is_a_demonstration(kind):
     kind().fit(toy.observations, toy.actions, groups=toy.groups)
 
 
-def test_action_box_for_discrete_actions_is_refused_in_one_sentence():
-    with refused("the actions are discrete, which no action_box fits; leave it out"):
-        RPIL(action_box=(0, 1)).fit(make("random", 0).demonstrations)
-
-
 TOY = make("random", 0)
 
 ONE_ACTION = Demonstrations(TOY.observations, np.zeros_like(TOY.actions), TOY.offsets, TOY.ids)
@@ -68,6 +63,7 @@ ONE_ACTION = Demonstrations(TOY.observations, np.zeros_like(TOY.actions), TOY.of
     ("model", "data", "words"),
     [
         (RPIL(features="fourier"), TOY.demonstrations, "no features called 'fourier'; choose .*raw, folded, nystroem"),
+        (RPIL(action_box=(0, 1)), TOY.demonstrations, "actions are discrete, which no action_box fits; leave it out"),
         (BehavioralCloning(C=0.0), TOY.demonstrations, "C=0.0 must be a positive number"),
         (BehavioralCloning(), ONE_ACTION, "every action is 0, one class only"),
         (RPIL(), TOY.demonstrations.select([0]), "1 sample. cannot be compared; give at least two"),
