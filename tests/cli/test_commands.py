@@ -20,7 +20,6 @@ import pytest
 from audits import make_audit
 from command_line import G, call, npz, ok, refused
 from rpil.cli import commands
-from small import SMALL
 
 
 def test_audit_writes_verdicts_and_the_list_to_keep(folder):
@@ -87,7 +86,3 @@ def test_ids_with_control_characters_are_escaped():
     result = subprocess.run(command, capture_output=True, env=os.environ | {"PYTHONIOENCODING": "ascii"})
     assert result.returncode == 0, result.stderr
     assert b"\x1b" not in result.stdout
-
-
-def command(*arguments):
-    return ok(*arguments, settings=SMALL).stdout

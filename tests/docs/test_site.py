@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import re
+import runpy
 from pathlib import Path
 
 import matplotlib
@@ -61,19 +60,10 @@ def test_links_to_files_lead_to_files():
 
 
 @pytest.mark.slow
-def test_the_code_of_the_python_page_runs_and_prints_what_it_says(tmp_path, monkeypatch):
+def test_the_code_of_the_python_page_runs_and_prints_what_it_says(tmp_path):
     text = TEXTS[DOCS / "python.md"]
     named = set(re.findall(r"audit\.plot\.(\w+)", text))
     assert named == {name for name in vars(AuditPlots) if not name.startswith("_") and name != "audit"}
-    monkeypatch.chdir(tmp_path)
     matplotlib.use("Agg")
-    names: dict[str, object] = {}
-    printed = ""
-    for kind, block in re.findall(r"^```(python|text)\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
-        if kind == "text":
-            assert printed == block
-            continue
-        with contextlib.redirect_stdout(io.StringIO()) as out:
-            exec(compile(block, "docs/python.md", "exec"), names)
-        printed = out.getvalue()
+    assert runpy.run_path(str(ROOT / "tools" / "tutorials.py"))["run"](DOCS / "python.md", tmp_path) == []
     assert {path.name for path in tmp_path.iterdir()} == {"audit.html", "steps.png"}

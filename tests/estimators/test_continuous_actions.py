@@ -10,7 +10,6 @@ from sklearn.base import clone
 from sklearn.linear_model import LinearRegression, LogisticRegression
 from sklearn.metrics import r2_score
 
-import more_experts  # noqa: F401 (makes LunarLanderContinuous known)
 from problems import make, make_continuous, refused
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from itertools import chain
+from itertools import chain, pairwise
 
 import numpy as np
 import pyarrow as pa
@@ -11,7 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 
 import rpil
-from recorded import demonstrations, write_files, written
+from problems import make, make_continuous
+from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.formats import table as flat
 from rpil.formats.table import part_names
@@ -23,9 +24,25 @@ def small_batches(monkeypatch):
     monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 130)
 
 
+def demonstrations(continuous=False):
+    """120 demonstrations of 20 to 60 steps."""
+    toy = (make_continuous if continuous else make)("random", 0, n_good=80, n_bad=40, steps=(20, 60))
+    return Demonstrations(toy.observations, toy.actions, toy.offsets)
+
+
+def written(folder, continuous=False):
+    """Three files with the rows of `demonstrations`, which cut some of them."""
+    folder.mkdir()
+    table = flat.from_demonstrations(demonstrations(continuous), {})
+    bounds = np.linspace(0, len(table), 4).astype(int)
+    for k, (begin, end) in enumerate(pairwise(bounds)):
+        pq.write_table(table.slice(begin, end - begin), folder / f"{k}.parquet", row_group_size=333)
+    return folder
+
+
 @pytest.mark.parametrize("continuous", [False, True])
 def test_blocks_of_shards_that_are_sent_are_those_in_memory(tmp_path, continuous):
-    data = rpil.open(written(tmp_path, continuous=continuous), on_disk=True).demonstrations
+    data = rpil.open(written(tmp_path / "many", continuous), on_disk=True).demonstrations
     sent = [pickle.dumps(shard) for shard in data.shards(4, 700)]
     assert max(map(len, sent)) < 4000
     blocks = chain(*map(pickle.loads, sent))
@@ -37,7 +54,7 @@ def test_blocks_of_shards_that_are_sent_are_those_in_memory(tmp_path, continuous
 
 def test_files_with_other_columns_or_of_another_kind_are_refused(tmp_path):
     table = flat.from_demonstrations(demonstrations(), {})
-    folder = write_files(table, tmp_path / "many")
+    folder = written(tmp_path / "many")
     pq.write_table(
         table.rename_columns([n.replace("observation.1", "observation.x") for n in table.column_names]),
         folder / "3.parquet",

@@ -30,11 +30,6 @@ def facts(path, **options):
     return formats.read_recording(path, ColumnOptions(**options)).facts
 
 
-def write_table(path: Path, frame: pa.Table) -> None:
-    """As Parquet, or as CSV."""
-    (pq.write_table if path.suffix == ".parquet" else pa.csv.write_csv)(frame, path)
-
-
 def written(folder: Path, suffix: str) -> Path:
     """The same columns in every format, with rows of the demonstrations that do not lie together in memory."""
     columns = {"episode": OWNERS, "x": STATES[:, 0], "action": STATES[:, 1], "next.success": SUCCESS}
@@ -47,7 +42,7 @@ def written(folder: Path, suffix: str) -> Path:
     elif suffix == "parquet":
         pq.write_table(pa.table(columns), path, row_group_size=4)
     else:
-        write_table(path, pa.table(columns))
+        pa.csv.write_csv(pa.table(columns), path)
     return path
 
 

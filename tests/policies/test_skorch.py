@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from sklearn.metrics import r2_score, roc_auc_score
 
-from problems import refused
 from rpil import RPIL
 
 pytest.importorskip("torch", reason="torch is not installed: pip install 'rpil[torch]'")
@@ -20,13 +19,6 @@ def single_thread():
     networks.torch.set_num_threads(1)  # networks so small only lose by more
     yield
     networks.torch.set_num_threads(threads)
-
-
-def test_a_network_that_takes_no_weights_is_refused_before_any_work(monkeypatch):
-    monkeypatch.setattr("rpil.estimators.pipeline.judge", lambda *_: pytest.fail("too late"))
-    bare = skorch.NeuralNetClassifier(lambda: networks.layers((2, 8, 3)))
-    with refused("The policy NeuralNetClassifier takes no sample_weight, so that trust cannot reach it; give one that"):
-        RPIL(policy=bare).fit(networks.classes(0)[0])
 
 
 def test_classes():

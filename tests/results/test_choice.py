@@ -24,10 +24,6 @@ TABLE = {
 }
 
 
-def kept(table, **asked):
-    return list(choose(table, Asked(**asked)).kept)
-
-
 def table_of(words, labels=None, rules=None):
     ids = [f"d{m}" for m in range(len(words))]
     columns = {"id": ids, "verdict": list(words), "label": list([""] * len(words) if labels is None else labels)}
@@ -183,12 +179,10 @@ def test_words_of_a_named_adversary_are_read_and_unknown_ones_refused():
 
 def test_labels_are_verdicts(tmp_path):
     (tmp_path / "labels.csv").write_text("id,label\n3,good\n4,bad\n5,expert\n")
-    for name in ("labels.csv",):
-        table = read_verdicts(tmp_path / name)
-        assert kept(table) == ["3", "5"]
-        assert choose(table).rejected == {"labels": ("4",)}
-        with pytest.raises(DataError, match="no numbers in log_odds"):
-            kept(table, share=0.5)
+    choice = choose(table := read_verdicts(tmp_path / "labels.csv"))
+    assert (choice.kept, choice.rejected) == (("3", "5"), {"labels": ("4",)})
+    with pytest.raises(DataError, match="no numbers in log_odds"):
+        choose(table, Asked(share=0.5))
 
 
 def test_a_choice_as_lists_and_lines():

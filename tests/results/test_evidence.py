@@ -55,14 +55,14 @@ def judged() -> tuple[Judgement, FitData]:
     return judge(data, held_out_model(data, HeldOutSettings()), JudgeSettings()), data
 
 
+def by_judgement(judgement: Judgement, data: FitData) -> StepEvidence:
+    model, copies = held_out_model(data, HeldOutSettings()), Copies.of(np.arange(data.n_demonstrations))
+    return by_held_out_policies(judgement, model, copies, HeldOutSettings())
+
+
 def test_the_parts_sum_to_the_log_ratios_of_the_judge_less_those_of_the_median_of_the_rest() -> None:
     judgement, data = judged()
-    compared = by_held_out_policies(
-        judgement,
-        held_out_model(data, HeldOutSettings()),
-        Copies.of(np.arange(data.n_demonstrations)),
-        HeldOutSettings(),
-    )
+    compared = by_judgement(judgement, data)
     less = judgement.log_ratio - compared.nats.sum(axis=1)
     # The errors of the rest have another scale than those of the demonstrations that taught the policies.
     assert np.ptp(less) < 0.02 * np.ptp(judgement.log_ratio)
@@ -78,12 +78,7 @@ def test_the_band_holds_nine_in_ten_steps_where_policies_learn_their_own_steps_b
     actions, box = rng.normal(size=(300, 1)), Box(np.full(1, -9.0), np.full(1, 9.0))
     data = FitData(features, actions, np.arange(0, 301, 12), box, np.zeros(25, dtype=int))
     judgement = judge(data, held_out_model(data, HeldOutSettings()), JudgeSettings())
-    compared = by_held_out_policies(
-        judgement,
-        held_out_model(data, HeldOutSettings()),
-        Copies.of(np.arange(data.n_demonstrations)),
-        HeldOutSettings(),
-    )
+    compared = by_judgement(judgement, data)
     learned = actions - features @ np.linalg.lstsq(features, actions, rcond=None)[0]
     true = 2 * 1.645
     assert np.diff(np.quantile(learned, [0.05, 0.95]))[0] < 0.9 * true

@@ -1,4 +1,4 @@
-"""A fit from disk is the fit in memory, and its memory does not grow with the data."""
+"""The memory of a fit from disk does not grow with the data."""
 
 from __future__ import annotations
 
@@ -11,27 +11,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-
-import rpil
-from recorded import demonstrations, write_files
-from rpil.formats import table as flat
-from small import small_rpil
-
-
-def test_a_fit_from_disk_is_the_fit_in_memory(tmp_path):
-    memory = demonstrations(False, "noisy", single=True)
-    folder = write_files(flat.from_demonstrations(memory, {}), tmp_path / "many")
-    labels = {3: "good", 100: "bad"}
-    here = small_rpil(labels=labels).fit(memory)
-    there = small_rpil(labels=labels).fit(rpil.open(folder, on_disk=True).demonstrations)
-    assert here.audit_.ids == there.audit_.ids
-    for name in ("log_odds", "expert_proba", "step_weight", "step_log_ratio", "reliability"):
-        np.testing.assert_allclose(getattr(here.audit_, name), getattr(there.audit_, name), rtol=1e-6, atol=1e-6)
-    np.testing.assert_array_equal(here.coef_, there.coef_)
-    for data in (memory.observations, memory.observations[::7]):
-        np.testing.assert_array_equal(here.predict(data), there.predict(data))
-    assert here.observation_names_ == there.observation_names_
-
 
 # Not ru_maxrss: a child begins with that of its parent. One core: how many blocks several hold at once is chance.
 MEASURE = """

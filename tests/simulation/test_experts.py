@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from gymnasium.envs.box2d.lunar_lander import heuristic
 
-from rpil.data.errors import DataError
 from rpil.simulation.simulate import expert
 
 
@@ -58,8 +57,3 @@ def test_acrobot_follows_the_formula_row_by_row():
         return 0 if y1 + x0 * y1 + x1 * y0 > 0 else 2
 
     np.testing.assert_array_equal(expert("Acrobot-v1").predict(states), [wanted(*state) for state in states])
-
-
-def test_unknown_environment_lists_the_known():
-    with pytest.raises(DataError, match=r"'Pendulum-v0'.*MountainCar-v0, Acrobot-v1, LunarLander-v3.*\.$"):
-        expert("Pendulum-v0")

@@ -45,25 +45,20 @@ def test_frames_of_kept_episodes_are_the_same(tmp_path):
         assert (info["fps"], info["splits"]) == (folders.FPS, {"train": f"0:{len(ids)}"})
 
 
-def test_statistics_are_those_of_the_kept(tmp_path):
+def test_statistics_are_those_of_the_kept_and_others_stay(tmp_path):
     root, ids = folders.write(tmp_path / "drive", LENGTHS), [1, 3, 6]
+    stats = json.loads((root / "meta" / "stats.json").read_text()) | {"images.gone": {"min": [0]}}
+    (root / "meta" / "stats.json").write_text(json.dumps(stats))
     expected = folders.image_statistics([one for m in ids for one in folders.pictures(m, LENGTHS[m])])
     for place in (root / "meta").glob("*.json*"):  # as an editor of Windows saves them
         place.write_text(place.read_text(), encoding="utf-8-sig")
     find(root).keep(tmp_path / "kept", ids)
     found = json.loads((tmp_path / "kept" / "meta" / "stats.json").read_text())
+    assert found["images.gone"] == {"min": [0]}
     for name in ("min", "max", "mean", "std", "count"):
         np.testing.assert_allclose(found["observation.images.front"][name], expected[name], rtol=1e-6)
     actions = pq.read_table(tmp_path / "kept" / "data")["action"].to_pylist()
     np.testing.assert_allclose(found["action"]["min"], np.min(actions, axis=0))
-
-
-def test_statistics_that_no_episode_has_stay(tmp_path):
-    root = folders.write(tmp_path / "drive", LENGTHS)
-    stats = json.loads((root / "meta" / "stats.json").read_text()) | {"images.gone": {"min": [0]}}
-    (root / "meta" / "stats.json").write_text(json.dumps(stats))
-    find(root).keep(tmp_path / "kept", [1])
-    assert json.loads((tmp_path / "kept" / "meta" / "stats.json").read_text())["images.gone"] == {"min": [0]}
 
 
 def test_episodes_within_each_other_are_sorted(tmp_path):
