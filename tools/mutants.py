@@ -53,7 +53,6 @@ MORE_TESTS = (
         "step_weights": "scale/test_fit.py",
         "choice": "cli/test_keep_rules.py",
         "tasks": "estimators/test_within_tasks.py",
-        "result": "results/test_overview.py",
     }
 )
 """Tests of a module beside those of its name: patterns of files."""

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import rpil
-from problems import make, make_continuous, refused
+from problems import make, refused
 from rpil import DaskEngine, DataError, formats
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.fit_data import FitData
@@ -45,8 +45,8 @@ def cluster():
         yield client
 
 
-def demonstrations(maker=make, kind="noisy"):
-    toy = maker(kind, 0, n_good=80, n_bad=40, steps=(20, 60))
+def demonstrations():
+    toy = make("noisy", 0, n_good=80, n_bad=40, steps=(20, 60))
     return Demonstrations(toy.observations.astype(np.float32), toy.actions, toy.offsets)
 
 
@@ -55,14 +55,6 @@ def assert_same(one, other):
         np.testing.assert_allclose(getattr(one.audit_, name), getattr(other.audit_, name), rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(one.coef_, other.coef_, rtol=1e-6, atol=1e-6)
     assert one.audit_.verdicts == other.audit_.verdicts
-
-
-def test_fit_on_a_cluster_is_the_fit_in_memory(cluster):
-    data = demonstrations(make_continuous)
-    labels = {0: "good", 100: "bad"}
-    here = small_rpil(labels=labels).fit(data)
-    there = small_rpil(engine=DaskEngine(cluster, n_shards=3), labels=labels).fit(data)
-    assert_same(here, there)
 
 
 @dataclass(frozen=True)
@@ -81,7 +73,8 @@ class KillOnce:
 
 def test_killed_worker_changes_no_result(cluster, tmp_path, monkeypatch):
     data = demonstrations()
-    here = small_rpil().fit(data)
+    labels = {0: "good", 100: "bad"}
+    here = small_rpil(labels=labels).fit(data)
     formats.write(tmp_path / "a.parquet", data)
     data = rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations
     cluster.wait_for_workers(2, timeout=30)
@@ -92,7 +85,7 @@ def test_killed_worker_changes_no_result(cluster, tmp_path, monkeypatch):
         return total(self, KillOnce(function, tmp_path / "killed") if len(passes) == 2 else function)
 
     monkeypatch.setattr(engine.RemoteBlocks, "total", total_with_a_kill)
-    there = small_rpil(engine=DaskEngine(cluster, n_shards=4)).fit(data)
+    there = small_rpil(engine=DaskEngine(cluster, n_shards=4), labels=labels).fit(data)
     assert (tmp_path / "killed").exists()
     assert_same(here, there)
 
