@@ -6,7 +6,8 @@ import atexit
 import json
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
@@ -161,6 +162,15 @@ def change_info(root: Path, **values: Any) -> None:
     """Give ``meta/info.json`` other values."""
     place = root / "meta" / "info.json"
     place.write_text(json.dumps(json.loads(place.read_text()) | values))
+
+
+@contextmanager
+def changing_episodes(root: Path) -> Iterator[list[dict[str, Any]]]:
+    """The rows of ``meta/episodes`` of version 3.0, which are written as the block leaves them."""
+    place = root / "meta" / "episodes" / "chunk-000" / "file-000.parquet"
+    rows = pq.read_table(place).to_pylist()
+    yield rows
+    pq.write_table(pa.Table.from_pylist(rows), place)
 
 
 @lru_cache(maxsize=4)

@@ -226,12 +226,6 @@ def pooled_state(problem: FitData, which: str) -> State:
     return State(policy, adversary(which, problem.space, zero), ExpertPrior())
 
 
-def fit_data_of(toy: Toy, labels: Any = None) -> FitData:
-    """The data of a problem with raw features, with these labels (M,)."""
-    data = toy.problem()
-    return data if labels is None else replace(data, labels=np.asarray(labels))
-
-
 @contextmanager
 def refused(match: str | None = None, error: type[Exception] = DataError) -> Iterator[Any]:
     """The block fails with one sentence, on one line."""

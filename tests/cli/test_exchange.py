@@ -8,6 +8,7 @@ from pathlib import Path
 
 import rpil
 from command_line import call, ok, refused
+from lerobot_folders import change_info
 from lerobot_folders import write as write_folder
 from recordings import spike, write_recording
 from rpil.cli.exchange import Numbered, markdown, of_faults, sarif
@@ -90,8 +91,7 @@ def test_json_of_a_check_is_as_its_schema_says(tmp_path):
     check_schema(printed, "check")
     assert json.loads(ok("check", "data.parquet", "--format", "json").stdout) == printed
     folder = write_folder(tmp_path / "set", [30] * 5)
-    info = json.loads((folder / "meta/info.json").read_text())
-    (folder / "meta/info.json").write_text(json.dumps(info | {"total_frames": 7}))
+    change_info(folder, total_frames=7)
     printed = json.loads(ok("check", folder, "--format", "json").stdout)
     check_schema(printed, "check")
     assert [(one["number"], one["id"]) for one in printed["findings"]] == [("RPIL-202", "")]

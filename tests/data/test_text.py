@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import itertools
+import sys
 
 import numpy as np
 import pyarrow as pa
@@ -11,7 +12,18 @@ import pytest
 
 import rpil
 from rpil import formats
-from rpil.data.text import counted, duration, each_text, for_others, from_cell, listed, moment, printable, to_cell
+from rpil.data.text import (
+    counted,
+    data_frame,
+    duration,
+    each_text,
+    for_others,
+    from_cell,
+    listed,
+    moment,
+    printable,
+    to_cell,
+)
 from rpil.formats.registry import find
 
 
@@ -123,3 +135,15 @@ def _is_number(text):
         return bool(float(text)) or True
     except ValueError:
         return False
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_a_frame_holds_the_columns(missing, monkeypatch):
+    """Of pandas where it is installed."""
+    pandas = pytest.importorskip("pandas")
+    if missing:
+        monkeypatch.setitem(sys.modules, "pandas", None)
+    frame = data_frame({"id": ["a", "b"], "score": (1.5, -2.0)})
+    assert isinstance(frame, pa.Table if missing else pandas.DataFrame)
+    table = pa.table(frame)
+    assert {name: table[name].to_pylist() for name in table.column_names} == {"id": ["a", "b"], "score": [1.5, -2.0]}

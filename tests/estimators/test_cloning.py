@@ -1,4 +1,4 @@
-"""Behavioural cloning is scikit-learn's logistic regression, whatever the amount of data."""
+"""Behavioural cloning is scikit-learn's logistic regression, whatever the amount of data, of the features chosen."""
 
 from __future__ import annotations
 
@@ -7,8 +7,14 @@ import pytest
 from scipy.special import log_softmax
 from sklearn.linear_model import LogisticRegression
 
-from problems import make
+from problems import curved, make, told
+from rpil.data.demonstrations import Demonstrations
+from rpil.data.fit_data import FitData
+from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
+from rpil.policies.features import FeatureSettings
+from rpil.policies.selection import choose_features
+from rpil.policies.settings import SelectionSettings
 
 
 def regression_objective(coef, intercept, columns, actions, sample_weight, C):
@@ -39,3 +45,17 @@ def test_cloning_agrees_with_scikit_learn(n_actions, features, C, options, weigh
     assert ours.intercept_.shape == theirs.intercept_.shape
     np.testing.assert_allclose(ours.coef_, theirs.coef_, atol=1e-4 * np.abs(theirs.coef_).max())
     np.testing.assert_allclose(ours.predict_proba(X), theirs.predict_proba(columns), atol=1e-5)
+
+
+def test_cloning_takes_what_is_chosen():
+    observations, codes, offsets = told(curved)
+    data = Demonstrations(observations, codes, offsets)
+    steps = FitData(observations, codes, offsets, Discrete(2))
+    chosen = choose_features(steps, np.ones(len(codes)), None, SelectionSettings())
+    model = BehavioralCloning("auto").fit(data)
+    assert (model.features_.kind, model.features_.ridge_per_step) == (chosen.kind, chosen.ridge)
+    fixed = BehavioralCloning("nystroem").fit(data)
+    assert fixed.features_.ridge_per_step == FeatureSettings.ridge_per_step
+    assert np.mean(model.predict(observations) == codes) > 0.97
+    rows = BehavioralCloning("auto").fit(observations, codes)  # every row is held out on its own
+    assert rows.features_.kind == "nystroem"

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from problems import fit_data_of, make, make_continuous
+from problems import make, make_continuous
 from rpil.inference.channels import own_log_prob
 from rpil.inference.fitted_judge import FittedJudge
 from rpil.inference.held_out import held_out_model
@@ -23,7 +23,7 @@ def judged(request):
     """Data, their judgement, the fitted judge and its log pi and log pi - log q."""
     discrete = request.param == "discrete"
     toy = make("random", 0, n_good=10, n_bad=10, steps=STEPS) if discrete else make_continuous("random", 0, steps=STEPS)
-    data = fit_data_of(toy)
+    data = toy.problem()
     judgement = judge(data, held_out_model(data, HeldOutSettings()), SETTINGS)
     kept = FittedJudge.of(judgement, data, SETTINGS)
     return data, judgement, kept, kept.ratio.step_ratios(data.features, data.actions, SETTINGS.held_out)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from sklearn.linear_model import LogisticRegression, Ridge
 
-from problems import fit_data_of, make, make_continuous
+from problems import make, make_continuous
 from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax, frequencies, held_out_model, log_reference
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
@@ -20,7 +20,7 @@ LAPSE = HeldOutSettings().lapse
 
 
 def test_softmax_log_probabilities_are_those_of_scikit_learn_on_the_other_folds():
-    problem = fit_data_of(make("noisy", 0, steps=STEPS))
+    problem = make("noisy", 0, steps=STEPS).problem()
     weight = np.random.default_rng(0).random(len(problem.actions))
     found = HeldOutSoftmax(problem, deal(problem, 3, 0), HeldOutSettings())
     scored = found.evaluate(weight, 1e-2)
@@ -38,7 +38,7 @@ def test_softmax_log_probabilities_are_those_of_scikit_learn_on_the_other_folds(
 @pytest.mark.parametrize("kind", ["noisy", "flipped", "random"])
 def test_fits_that_go_on_from_others_rank_demonstrations_as_fits_to_the_end(kind):
     """After other ridges and other groups, with a Hessian that all folds share."""
-    problem = fit_data_of(make(kind, 1, n_good=20, n_bad=10, steps=STEPS))
+    problem = make(kind, 1, n_good=20, n_bad=10, steps=STEPS).problem()
     rng, group = np.random.default_rng(0), problem.per_step(np.arange(30) < 18).astype(float)
     model = held_out_model(problem, HeldOutSettings())
     for ridge in HeldOutSettings().ridges[:2]:
@@ -50,7 +50,7 @@ def test_fits_that_go_on_from_others_rank_demonstrations_as_fits_to_the_end(kind
 
 @pytest.mark.parametrize("maker", [make, make_continuous])
 def test_what_was_asked_before_is_not_fitted_again(maker):
-    problem = fit_data_of(maker("noisy", 0, steps=STEPS))
+    problem = maker("noisy", 0, steps=STEPS).problem()
     model, group = held_out_model(problem, HeldOutSettings()), np.ones(len(problem.actions))
     first = model.evaluate(group, 1e-2)
     assert model.evaluate(1e-2 * group, 1e-2) is not first
@@ -58,7 +58,7 @@ def test_what_was_asked_before_is_not_fitted_again(maker):
 
 
 def test_ridge_log_probabilities_are_those_of_scikit_learn_on_the_other_folds():
-    problem = fit_data_of(make_continuous("noisy", 0, steps=STEPS))
+    problem = make_continuous("noisy", 0, steps=STEPS).problem()
     weight = np.random.default_rng(0).random(len(problem.actions))
     found = HeldOutRidge(problem, deal(problem, 3, 0), HeldOutSettings())
     scored = found.evaluate(weight, 1e-2)
@@ -75,7 +75,7 @@ def test_ridge_log_probabilities_are_those_of_scikit_learn_on_the_other_folds():
 
 @pytest.mark.parametrize("maker", [make, make_continuous])
 def test_folds_follow_from_the_demonstrations_and_few_are_folds_of_their_own(maker):
-    problem = fit_data_of(maker("noisy", 0, steps=STEPS))
+    problem = maker("noisy", 0, steps=STEPS).problem()
     model = held_out_model(problem, HeldOutSettings(max_left_out=12))
     assert isinstance(model, HeldOutSoftmax if maker is make else HeldOutRidge)
     assert sorted(model.fold) == list(range(12))
@@ -88,7 +88,7 @@ def test_folds_follow_from_the_demonstrations_and_few_are_folds_of_their_own(mak
 
 def test_the_best_reference_is_by_mean_and_deviation_where_these_explain_more():
     """Of two values the median is one."""
-    problem = fit_data_of(make_continuous("noisy", 0, steps=STEPS, n_parts=1))
+    problem = make_continuous("noisy", 0, steps=STEPS, n_parts=1).problem()
     everyone, settings = np.ones(12, dtype=bool), HeldOutSettings()
     two = replace(problem, actions=np.where(problem.actions > np.quantile(problem.actions, 0.4), 1.0, -1.0))
     for data, is_better in ((problem, False), (two, True)):

@@ -9,7 +9,7 @@ import pytest
 from scipy.special import expit
 
 from hand_made import same_actions, scores_of, scoring_of
-from problems import fit_data_of, make
+from problems import make
 from rpil.data.copies import Copies
 from rpil.inference.held_out import log_reference
 from rpil.inference.outliers import Claims, claim, gains, lower_part, own_gain, telling_pair, widened
@@ -172,7 +172,7 @@ def test_a_sample_without_outliers_finds_none_among_all_and_all_may_have_none():
 
 # Gains.
 def test_gains_are_against_the_actions_of_the_group_alone():
-    data, settings, group = fit_data_of(make("random", 0)), HeldOutSettings(), np.arange(12) < 3
+    data, settings, group = make("random", 0).problem(), HeldOutSettings(), np.arange(12) < 3
     log_prob = np.random.default_rng(0).normal(size=len(data.actions))
     over = np.split(log_prob - log_reference(data, group, settings), data.offsets[1:-1])
     np.testing.assert_allclose(gains(data, log_prob, group, settings), [one.mean() for one in over[:3]])

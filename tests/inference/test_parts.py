@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from problems import fit_data_of, make_continuous
+from problems import make_continuous
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
 from rpil.inference.held_out import held_out_model, log_reference
@@ -79,7 +79,7 @@ def test_one_wild_demonstration_changes_no_scale_and_is_cut_off():
 
 
 def test_what_rests_changes_neither_scores_nor_reference():
-    problem = fit_data_of(make_continuous("random", 0, steps=(40, 60)))
+    problem = make_continuous("random", 0, steps=(40, 60)).problem()
     n, keep = len(problem.actions), np.array([True] * problem.actions.shape[1] + [False])
     resting = np.random.default_rng(0).normal(size=(n, 1))
     more = replace(problem, actions=np.hstack([problem.actions, resting]), judged=keep)

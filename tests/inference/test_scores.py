@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hand_made import Written, reference, same_actions
-from problems import fit_data_of, make_continuous
+from problems import make_continuous
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import own_log_prob
@@ -83,7 +83,7 @@ def test_of_actions_that_are_rare_a_share_of_their_entropy_is_enough(gain, predi
 
 
 def test_what_is_easy_to_predict_without_the_state_must_be_explained_better():
-    problem = fit_data_of(make_continuous("none", 0, steps=(40, 60)))
+    problem = make_continuous("none", 0, steps=(40, 60)).problem()
     weak = problem.per_step(np.arange(problem.n_demonstrations) == 2)
     problem = replace(problem, actions=np.where(weak[:, None], 1e-3 * problem.actions, problem.actions))
     scoring = Scoring.of(problem, held_out_model(problem, HeldOutSettings()), SETTINGS)

@@ -9,7 +9,7 @@ import pytest
 from scipy.special import expit
 
 from hand_made import Written, groups_of, same_actions, scores_of, scoring_of
-from problems import fit_data_of, make, make_continuous
+from problems import make, make_continuous
 from rpil.data.copies import Copies
 from rpil.data.fit_data import Demonstrators
 from rpil.inference import trust as module
@@ -140,7 +140,7 @@ def test_discrete_actions_that_chance_explains_better_are_left_out():
 # From steps to findings.
 def judged(kind, seed, n_good, n_bad, maker=make, **given):
     toy = maker(kind, seed, n_good=n_good, n_bad=n_bad, steps=STEPS)
-    data = fit_data_of(toy)
+    data = toy.problem()
     return toy, judge(data, held_out_model(data, HeldOutSettings()), SETTINGS, **given)
 
 
@@ -179,7 +179,7 @@ def test_the_judge_tells_its_stages_and_keeps_what_they_found():
 
 @pytest.mark.parametrize("kind", ["random", "flipped"])
 def test_parts_are_looked_for_by_the_data_of_the_learner_and_the_outliers(kind, monkeypatch):
-    given, learner = [], fit_data_of(make(kind, 0, n_good=10, n_bad=4, steps=STEPS))
+    given, learner = [], make(kind, 0, n_good=10, n_bad=4, steps=STEPS).problem()
     monkeypatch.setattr(module, "two_parts", lambda *parts: given.append(parts) or np.full(14, 0.5))
     toy, found = judged(kind, 0, 10, 4, learner=learner)
     assert found.part.tolist() == [0.5] * 14
@@ -189,7 +189,7 @@ def test_parts_are_looked_for_by_the_data_of_the_learner_and_the_outliers(kind, 
 
 
 def test_copies_have_what_was_found_of_the_first_of_them():
-    toy, found = judged("random", 0, 10, 6, learner=fit_data_of(make("random", 0, n_good=10, n_bad=6, steps=STEPS)))
+    toy, found = judged("random", 0, 10, 6, learner=make("random", 0, n_good=10, n_bad=6, steps=STEPS).problem())
     place, lengths = np.append(np.arange(16), [12, 3]), np.diff(toy.offsets)
     every = repeated(found, Copies.of(place), np.append(0, np.cumsum(lengths[place])))
     for name in ("columns", "reliability", "part", "log_odds"):

@@ -10,7 +10,7 @@ import pytest
 from scipy.special import logsumexp
 
 from hand_made import Written, reference, same_actions, scores_of, scoring_of
-from problems import fit_data_of, make, make_continuous
+from problems import make, make_continuous
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference import two_parts as module
@@ -264,6 +264,6 @@ def parts_of(data, settings=JudgeSettings()):
 )
 def test_parts_of_plain_worlds(maker, kind, n_good, n_bad, good, bad):
     toy = maker(kind, 1, n_good=n_good, n_bad=n_bad, steps=(40, 60))
-    found = parts_of(fit_data_of(toy))
+    found = parts_of(toy.problem())
     turned = np.sign(found[0] * good) if abs(good) == 0.5 else 1  # of a tie either part is the first
     np.testing.assert_array_equal(found * turned, np.where(toy.is_good, good, bad))

@@ -8,13 +8,13 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from problems import fit_data_of, make, make_continuous
+from problems import make, make_continuous
 from rpil.policies.folds import deal, out_of_fold, pieces
 
 
 def test_fold_of_a_demonstration_does_not_depend_on_the_order_nor_on_names_of_actions():
-    problem = fit_data_of(make("noisy", 1, steps=(30, 30)))
-    for data in (problem, fit_data_of(make_continuous("noisy", 1))):
+    problem = make("noisy", 1, steps=(30, 30)).problem()
+    for data in (problem, make_continuous("noisy", 1).problem()):
         order = np.random.default_rng(0).permutation(data.n_demonstrations)
         np.testing.assert_array_equal(deal(data, 5, 0)[order], deal(data.select(order), 5, 0))
     for renamed in permutations(range(3)):
@@ -24,7 +24,7 @@ def test_fold_of_a_demonstration_does_not_depend_on_the_order_nor_on_names_of_ac
 
 @pytest.mark.parametrize("maker", [make, make_continuous])
 def test_fold_of_a_demonstration_does_not_depend_on_copies_units_or_order_of_columns(maker):
-    problem = fit_data_of(maker("noisy", 1, steps=(30, 30)))
+    problem = maker("noisy", 1, steps=(30, 30)).problem()
     problem = replace(problem, actions=np.zeros_like(problem.actions))  # so that only observations tell them apart
     columns, fold = problem.features, deal(problem, 5, 0)
     for features in (
@@ -37,7 +37,7 @@ def test_fold_of_a_demonstration_does_not_depend_on_copies_units_or_order_of_col
 
 
 def test_same_steps_in_another_order_are_another_demonstration():
-    problem = fit_data_of(make("noisy", 1, n_good=1, n_bad=0, steps=(30, 30)))
+    problem = make("noisy", 1, n_good=1, n_bad=0, steps=(30, 30)).problem()
     steps = np.concatenate([np.random.default_rng(m).permutation(30) for m in range(12)])
     shuffled = replace(
         problem,
@@ -51,7 +51,7 @@ def test_same_steps_in_another_order_are_another_demonstration():
 
 
 def test_folds_have_equally_many_demonstrations_or_one_more():
-    problem = fit_data_of(make("noisy", 1))
+    problem = make("noisy", 1).problem()
     m = problem.n_demonstrations
     for n_folds in (2, 3, m):
         assert set(np.bincount(deal(problem, n_folds, 0))) <= {m // n_folds, -(-m // n_folds)}
@@ -59,7 +59,7 @@ def test_folds_have_equally_many_demonstrations_or_one_more():
 
 
 def test_pieces_have_all_steps_and_no_labels():
-    problem = fit_data_of(make("noisy", 1))
+    problem = make("noisy", 1).problem()
     cut = pieces(problem, 20)
     assert cut.n_demonstrations == 20
     assert np.ptp(cut.lengths) <= 1
@@ -86,7 +86,7 @@ def with_copies(problem, numbers):
     ("maker", "numbers"), [(make, [0] * 9), (make_continuous, [*range(20)]), (make, [1, 1, 4, 4, 4, 7])]
 )
 def test_copies_of_a_demonstration_are_in_its_fold_and_folds_stay_balanced(maker, numbers):
-    problem = fit_data_of(maker("noisy", 1, n_good=12, n_bad=8))
+    problem = maker("noisy", 1, n_good=12, n_bad=8).problem()
     data, originals = with_copies(problem, numbers)
     largest = np.bincount(originals).max()
     for n_folds in (2, 5, data.n_demonstrations):
@@ -105,7 +105,7 @@ def test_copies_of_a_demonstration_are_in_its_fold_and_folds_stay_balanced(maker
 
 
 def test_a_demonstration_with_one_other_step_is_no_copy_and_nothing_but_copies_is_dealt_into_all_folds():
-    problem = fit_data_of(make("noisy", 1, n_good=12, n_bad=8, steps=(30, 30)))
+    problem = make("noisy", 1, n_good=12, n_bad=8, steps=(30, 30)).problem()
     data, originals = with_copies(problem, [*range(20)])
     features = data.features.copy()
     features[data.offsets[:-1], 0] += 1e-9 * np.arange(40)  # too small a change for the order, which is rounded

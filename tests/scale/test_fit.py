@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from problems import fit_data_of, make
+from problems import make
 from rpil.inference.fitted_judge import FittedJudge, fit_ratio
 from rpil.inference.held_out import held_out_model
 from rpil.inference.settings import JudgeSettings
@@ -25,7 +25,7 @@ DATA = make("random", 0, n_good=80, n_bad=40, steps=(20, 60)).demonstrations
 def of_sample(kind, indices):
     """Everything about demonstrations of which those at `indices` are the sample."""
     toy = make(kind, 0, n_good=24, n_bad=12, steps=(40, 60))
-    every = fit_data_of(toy)
+    every = toy.problem()
     rows = np.concatenate([np.arange(*every.offsets[m : m + 2]) for m in indices])
     offsets = np.append(0, np.cumsum(every.lengths[indices]))
     sampled = replace(every, features=every.features[rows], actions=every.actions[rows], offsets=offsets, labels=[])

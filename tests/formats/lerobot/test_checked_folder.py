@@ -45,10 +45,8 @@ def test_a_size_of_chunks_that_is_none_is_named(tmp_path, size):
 
 def test_an_episode_table_that_does_not_fit_the_data(tmp_path):
     root = folders.write(tmp_path / "drive", LENGTHS)
-    place = root / "meta" / "episodes" / "chunk-000" / "file-000.parquet"
-    rows = pq.read_table(place).to_pylist()
-    rows[1]["length"], rows[2]["dataset_to_index"], rows[3]["data/file_index"] = 3, 1, 0
-    pq.write_table(folders.pa.Table.from_pylist(rows), place)
+    with folders.changing_episodes(root) as rows:
+        rows[1]["length"], rows[2]["dataset_to_index"], rows[3]["data/file_index"] = 3, 1, 0
     assert found(root) == [("episode table", m) for m in "123"]
 
 
@@ -170,11 +168,9 @@ def test_frames_between_those_of_the_rows_are_named(tmp_path):
 def test_an_end_at_the_last_frame_takes_that_frame(tmp_path):
     """As some programs write it, though LeRobot ends an episode after its last frame."""
     root = folders.write(tmp_path / "drive", LENGTHS, per_file=1)
-    place = root / "meta" / "episodes" / "chunk-000" / "file-000.parquet"
-    rows = pq.read_table(place).to_pylist()
-    for row in rows:
-        row["videos/observation.images.front/to_timestamp"] -= 1 / folders.FPS
-    pq.write_table(folders.pa.Table.from_pylist(rows), place)
+    with folders.changing_episodes(root) as rows:
+        for row in rows:
+            row["videos/observation.images.front/to_timestamp"] -= 1 / folders.FPS
     assert found(root) == []
     find(root).keep(tmp_path / "kept", [1, 3])
     assert [len(one["observation.images.front"]) for one in folders.read(tmp_path / "kept")] == [30, 28]

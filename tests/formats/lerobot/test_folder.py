@@ -28,11 +28,8 @@ def dataset(tmp_path):
         pq.write_table(table.set_column(table.column_names.index("task_index"), "task_index", number), file)
     # The texts are the index, and the rows do not come in the order of their numbers.
     pd.DataFrame({"task_index": [1, 0]}, index=TASKS[::-1]).to_parquet(root / "meta" / "tasks.parquet")
-    place = root / "meta" / "episodes" / "chunk-000" / "file-000.parquet"
-    rows = pq.read_table(place)
-    rows = rows.to_pylist()
-    rows[1]["data/file_index"] = 1
-    pq.write_table(pa.Table.from_pylist(rows), place)
+    with folders.changing_episodes(root) as rows:
+        rows[1]["data/file_index"] = 1
     return root
 
 

@@ -99,12 +99,10 @@ def test_no_video_outside_the_folder_is_read(tmp_path, place):
     for name in ("observation.images.front.mp4", "secret.mp4"):
         (tmp_path / name).write_bytes(b"key")
         (tmp_path.parent / name).write_bytes(b"key")
-    info = json.loads((root / "meta" / "info.json").read_text())
-    (root / "meta" / "info.json").write_text(json.dumps(info | {"video_path": place}))
+    folders.change_info(root, video_path=place)
     with pytest.raises(DataError):
         find(root).keep(tmp_path / "kept", [1])
-    features = info["features"] | {"../../x": {"dtype": "video"}}
-    (root / "meta" / "info.json").write_text(json.dumps(info | {"features": features}))
+    folders.change_info(root, features={"../../x": {"dtype": "video"}})
     with pytest.raises(DataError, match="no name of a camera"):
         find(root).keep(tmp_path / "kept", [1])
 
