@@ -55,7 +55,7 @@ def test_each_module_has_its_own_tests_and_those_beside():
         files = [name for name in TOOL["tests_of"](module) if name.endswith(".py")]
         named[module] = [Path(name).relative_to(tests).as_posix() for name in files]
         assert all(map(Path.is_file, map(Path, files)))
-    assert named["choice"] == ["results/test_choice.py", "cli/test_keep_rules.py"]
+    assert named["choice"] == ["results/test_choice.py", "cli/test_keep.py"]
     assert named["trust"] == ["inference/test_trust.py"]
     assert {"inference/test_outliers.py", "inference/test_trust.py"} <= {*named["outliers"]}
     assert TOOL["tests_of"]("answering")[-2:] == ["-m", "not slow"]

@@ -6,7 +6,7 @@ Usage
 ``python tools/mutants.py`` makes 40 random mutants of each module of `ROOMS`, runs its tests on each, and prints the
 survivors, by line, and the share that was killed. ``--modules outliers,data/text`` names others, with their room where
 they are not in `ROOMS`; ``--rooms numerics,scale`` takes all modules of a room that have tests of their name, as every
-night does with each room; ``--tests cli/test_keep_rules.py`` more tests of each; ``--sample N`` (0 for all),
+night does with each room; ``--tests cli/test_keep.py`` more tests of each; ``--sample N`` (0 for all),
 ``--seed S``, ``--jobs J``. The exit code is 1 where fewer than `GOAL` are killed.
 
 Notes
@@ -51,7 +51,7 @@ MORE_TESTS = (
     | dict.fromkeys(FAULTS, "faults/test_*.py")
     | {
         "step_weights": "scale/test_fit.py",
-        "choice": "cli/test_keep_rules.py",
+        "choice": "cli/test_keep.py",
         "tasks": "estimators/test_within_tasks.py",
     }
 )

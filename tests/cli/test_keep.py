@@ -1,10 +1,14 @@
-"""``rpil keep`` and ``rpil convert``: the trusted demonstrations, and tables of all, as new files."""
+"""``rpil keep`` and ``rpil convert``: the trusted demonstrations, why others are rejected, and tables of all."""
 
+import json
+import re
 from pathlib import Path
 
 import numpy as np
 
-from command_line import ok, refused
+import rpil
+from asked import BAD, write
+from command_line import call, ok, refused
 from rpil import formats
 
 
@@ -36,3 +40,81 @@ def test_convert_writes_operator_and_task_of_each_demonstration():
     assert dict(formats.read_demonstrators("operator", "out.parquet")) == {"0": "A", "1": "B", "2": "A", "3": "B"}
     assert formats.read_recording("out.parquet").tasks == dict.fromkeys("0123", "lift it")
     refused("named twice|would join", "convert", "in.csv", "-o", "in.csv")
+
+
+FEW, MANY = 24, 12
+"""Numbers of demonstrations of which the four bad ones are less and more than a fifth."""
+
+COLUMNS = ["--observations", "x,v"]
+
+
+def labels(**of):
+    Path("labels.csv").write_text("id,label\n" + "".join(f"{name[1:]},{label}\n" for name, label in of.items()))
+    return ["--labels", "labels.csv"]
+
+
+def kept_in(path):
+    return {*rpil.read(path).ids}
+
+
+def test_an_audit_lists_what_keep_keeps():
+    data, more = write("d.parquet", FEW), labels(_0="good", _1="good", _3="bad", _8="bad")
+    result = ok("audit", data, *COLUMNS, *more, "--keep", "k.json", "--format", "json", "-q")
+    listed = json.loads(Path("k.json").read_text())
+    assert json.loads(result.stdout)["keep"] == {name: listed[name] for name in ("episodes", "rejected")}
+    assert listed["rejected"] == {"labels": [3, 8], "answers": [5, 9]}
+    ok("keep", data, "-o", "k.parquet", *COLUMNS, *more, "-q")
+    assert kept_in("k.parquet") == {*listed["episodes"]}
+
+
+def test_the_page_shows_what_is_printed():
+    """But for the numbers, which are those of this set with another judge."""
+    page = (Path(__file__).parents[2] / "docs" / "command-line.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^```\n(Kept .*?)^```", page, re.M | re.S)
+    many = write("drive.parquet", MANY)
+    for block, given in zip(shown, ([], labels(_0="good", _3="bad", _8="bad")), strict=True):
+        result = call("keep", many, "-o", "kept.parquet", *COLUMNS, *given)
+        printed = result.stdout + result.stderr
+        plain = [re.sub(r"\d+", "0", " ".join(text.split())) for text in (block, printed)]
+        assert plain[0] == plain[1]
+        assert kept_in("kept.parquet") == {*range(MANY)} - (BAD if given else set())
+
+
+def with_jumps(name, faulty, n=MANY):
+    """Demonstrations that all follow one policy; a column of the `faulty` ones leaps once by far."""
+    rng = np.random.default_rng(0)
+    states = np.cumsum(rng.normal(0, 0.05, (n, 80, 2)), axis=1)
+    actions = states @ [1.0, -0.5] + rng.normal(0, 0.02, (n, 80))
+    states[sorted(faulty), 40:, 0] += 20
+    steps = states.reshape(-1, 2), actions.reshape(-1, 1), np.repeat(range(n), 80)
+    rpil.write(name, rpil.Demonstrations.from_groups(*steps))
+    return name
+
+
+def test_faults_that_are_named_are_rejected():
+    data, faulty = with_jumps("jumps.parquet", {2, 7, 11}), {2, 7, 11}
+    Path("labels.csv").write_text("id,label\n2,good\n3,bad\n4,good\n")
+    found = json.loads(ok("check", data, "--format", "json").stdout)["findings"]
+    assert {one["id"] for one in found if one["rule"] == "jump"} == faulty
+    call_of = ["keep", data, "--verdicts", "labels.csv", "-q", "-o"]
+    printed = ok(*call_of, "k.parquet", "--without-faults", "Jump", "--without-faults", "spike,frozen-sensor").stdout
+    assert "1 by your labels, 3 with a fault that was named." in printed
+    assert kept_in("k.parquet") == {*range(MANY)} - faulty - {3}, "also those that the labels do not name"
+    ok("audit", data, "--keep", "k.json", "--without-faults", "jump", "-q")
+    assert json.loads(Path("k.json").read_text())["rejected"]["faults"] == sorted(faulty)
+    refused("there is no rule 'jumps'; perhaps it is 'jump'", *call_of, "n.parquet", "--without-faults", "jumps")
+    refused("the rules are", "audit", data, "--keep", "n.json", "--without-faults", "jump,all")
+    said = ok(*call_of, "k.parquet", "--without-faults", "dropped frames,jump").stderr
+    assert re.fullmatch(r"note: --without-faults: dropped frames was not checked, because [^\n]+\.\n", said)
+
+
+def test_a_share_is_of_demonstrations_that_have_a_number():
+    """Those that a table does not name would rank above all that it names."""
+    data, few = write("d.parquet", FEW), ["--only", "0-11", "-q"]
+    ok("audit", data, *COLUMNS, *few, "--verdicts", "v.csv")
+    by = ["keep", data, *COLUMNS, "-o", "k.parquet", "--verdicts", "v.csv"]
+    lacks = "no number in log_odds for 12, 13, 14, 15, 16 and 7 more; audit these too, or leave them"
+    assert "out with --without" in refused(lacks, *by, "--share", 0.5)
+    ok(*by, *few, "--share", 0.5)
+    assert len(kept_in("k.parquet")) == 6
+    assert "12 of these are not named in v.csv" in ok(*by).stdout

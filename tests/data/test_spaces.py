@@ -39,9 +39,16 @@ def test_whole_numbers_among_the_actions_are_executed(answer):
     np.testing.assert_array_equal(actions, [5, 7])
 
 
-@pytest.mark.parametrize("answer", [[0, 5], [5, 8], [5.5, 6], [np.nan, 5], [np.inf, 5], [[5], [6]], [5]])
-def test_other_answers_are_not_executed(answer):
-    assert Discrete(3, start=5).executed(np.asarray(answer), 2) is None
+CLASSES, TWO_NUMBERS = Discrete(3, start=5), Box(np.float32([-1, 0]), np.float32([1, 10]))
+NO_CLASSES = [[0, 5], [5, 8], [5.5, 6], [np.nan, 5], [np.inf, 5], [[5], [6]], [5]]
+NO_ROW = [[0.0, 0.0], [[0.0]], [[0.0, np.nan]], [[-np.inf, 0.0]], [["a", "b"]], [[True, False]]]
+
+
+@pytest.mark.parametrize(
+    ("space", "n", "answer"), [*((CLASSES, 2, one) for one in NO_CLASSES), *((TWO_NUMBERS, 1, one) for one in NO_ROW)]
+)
+def test_other_answers_are_not_executed(space, n, answer):
+    assert space.executed(np.asarray(answer), n) is None
 
 
 def test_a_box_clips_and_takes_the_precision_of_its_bounds_and_has_no_draw_without_them():
@@ -54,13 +61,6 @@ def test_a_box_clips_and_takes_the_precision_of_its_bounds_and_has_no_draw_witho
     assert str(box) == "continuous actions (-1 to 1, 0 to 10)"
     with pytest.raises(DataError, match=r"from continuous actions \(-1 to inf\): give .* two finite bounds\.$"):
         Box(np.float32([-1]), np.float32([np.inf])).draw(3, np.random.default_rng(0))
-
-
-@pytest.mark.parametrize(
-    "answer", [[0.0, 0.0], [[0.0]], [[0.0, np.nan]], [[-np.inf, 0.0]], [["a", "b"]], [[True, False]]]
-)
-def test_a_box_takes_one_row_of_finite_numbers_per_step(answer):
-    assert Box(np.float32([-1, 0]), np.float32([1, 10])).executed(np.asarray(answer), 1) is None
 
 
 def test_flip_and_shift_stay_in_the_box_and_undo_themselves():

@@ -102,7 +102,7 @@ def test_copies_are_removed_with_their_rows(tmp_path, monkeypatch):
     assert not list((tmp_path / "temporary").iterdir())
 
 
-def test_what_takes_too_much_memory_goes_to_disk(tmp_path, caplog):
+def test_what_takes_too_much_memory_goes_to_disk_and_large_data_too(tmp_path, monkeypatch, caplog):
     (tmp_path / "a.csv").write_text(table(["a"] * 400 + ["b"] * 400, [0, 1] * 400))
     assert not isinstance(read_recording(tmp_path / "a.csv", on_disk=None).demonstrations, Dataset)
     assert not caplog.messages
@@ -111,11 +111,7 @@ def test_what_takes_too_much_memory_goes_to_disk(tmp_path, caplog):
     assert caplog.messages[0].startswith(f"{tmp_path / 'a.csv'}: large, so read from a copy on disk, in /")
     with pytest.raises(DataError, match="of memory, more than"):
         formats.read(tmp_path / "a.csv", memory="50kB")
-
-
-def test_large_data_stay_on_disk_though_memory_is_free(tmp_path, monkeypatch):
-    (tmp_path / "a.csv").write_text(table(["a"] * 400 + ["b"] * 400, [0, 1] * 400))
-    monkeypatch.setattr(registry, "MOST_IN_MEMORY", 50_000)
+    monkeypatch.setattr(registry, "MOST_IN_MEMORY", 50_000)  # though memory is free
     assert isinstance(formats.open(tmp_path / "a.csv").demonstrations, Dataset)
     assert not isinstance(formats.open(tmp_path / "a.csv", memory="1GB").demonstrations, Dataset)
     assert len(formats.read(tmp_path / "a.csv")) == 2
