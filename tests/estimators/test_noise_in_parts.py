@@ -12,14 +12,9 @@ N = N_DEMONSTRATIONS * LENGTH
 IDS = np.repeat(np.arange(N_DEMONSTRATIONS), LENGTH)
 
 
-def sticky(rng):
-    """Two values, each of which stays for twenty steps or so."""
-    return np.cumsum(rng.random(N) < 0.05) % 2 * 0.5
-
-
 KINDS = {
     "one of two": lambda rng, seen: rng.choice([0.5, 1.0], N),
-    "two values that stay": lambda rng, seen: sticky(rng),
+    "two values, each for twenty steps or so": lambda rng, seen: np.cumsum(rng.random(N) < 0.05) % 2 * 0.5,
     "often nothing": lambda rng, seen: np.where(rng.random(N) < 0.5, 0.0, rng.uniform(-1, 1, N)),
     "follows the state": lambda rng, seen: np.where(seen[:, 0] + 0.3 * rng.normal(size=N) > 0, 1.0, 0.5),
 }

@@ -1,4 +1,4 @@
-"""Segments: they tile demonstrations, and planted acts are found and named; where nothing is planted nobody is."""
+"""Segments tile demonstrations; planted acts are found and named, and nobody else; cuts; and what marks teach."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ from rpil.segments.find import (
     SegmentSettings,
     find_acts,
     find_segments,
+    marked,
     near,
     progress,
     reasons_of,
     scores,
     shortfall,
+    taught,
 )
-from rpil.segments.ranges import KINDS
+from rpil.segments.ranges import KINDS, Segments
 from worlds.tidying import CLEAN, tidied
 
 N, SETTINGS = 20, SegmentSettings()
@@ -168,3 +170,144 @@ def test_progress_of_what_few_others_move_is_unknown():
     assert np.isnan(progress(after, before, alone, demonstration, SETTINGS)).all()
     alone[SETTINGS.least_acts, 2] = True
     assert np.isfinite(progress(after, before, alone, demonstration, SETTINGS)[: SETTINGS.least_acts + 1]).all()
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.004])
+def test_the_hand_is_the_grip_and_things_are_what_it_moves(noise):
+    made = tidied("nobody", 20, 0, noise).demonstrations
+    found = MovedColumns.of(made, SETTINGS)
+    closed, has_hand = found.closed(SETTINGS)
+    assert has_hand
+    grip = made.observations[:, 2] > 0.5
+    assert (closed == grip).mean() > 0.9
+    assert np.flatnonzero(found.things(closed, SETTINGS)).tolist() == [3, 4, 5, 6]
+
+
+def test_a_cut_lies_where_the_hand_turns():
+    made = tidied("wrong place", 20, 0)
+    found = MovedColumns.of(made.demonstrations, SETTINGS)
+    cuts = found.cuts(found.closed(SETTINGS)[0])
+    offsets = made.demonstrations.offsets
+    for begin in np.flatnonzero(np.diff(made.bad.astype(int)) != 0) + 1:
+        if begin not in offsets:
+            assert np.abs(cuts - begin).min() <= 4
+    assert not np.isin(offsets, cuts).any()
+
+
+def test_without_a_hand_acts_lie_between_rests():
+    one = np.concatenate([np.linspace(0, 1, 40), np.full(30, 1.0), np.linspace(1, 2, 40)])
+    made = Demonstrations.from_episodes([(one[:, None] + 0.1 * k, np.zeros((110, 1))) for k in range(3)])
+    found = MovedColumns.of(made, SETTINGS)
+    closed, has_hand = found.closed(SETTINGS)
+    assert not has_hand
+    cuts = found.cuts(closed)
+    assert len(cuts) == 3
+    assert ((cuts - made.offsets[:-1] >= 35) & (cuts - made.offsets[:-1] <= 75)).all()
+
+
+def test_moves_do_not_reach_over_the_end_of_a_demonstration_and_classes_of_actions_are_no_columns():
+    made = Demonstrations.from_episodes([(np.full((20, 1), float(k)), np.zeros((20, 1))) for k in range(4)])
+    assert not MovedColumns.of(made, SETTINGS).moves.any()
+    rng = np.random.default_rng(0)
+    made = Demonstrations.from_episodes([(rng.normal(size=(20, 2)), [0, 1] * 10) for k in range(4)])
+    assert MovedColumns.of(made, SETTINGS).values.shape == (80, 2)
+
+
+def test_moves_are_differences_over_a_window_within_a_demonstration():
+    rng = np.random.default_rng(0)
+    episodes = [(rng.normal(scale=0.003, size=(n, 2)).cumsum(axis=0), [0, 1] * (n // 2)) for n in (300, 400, 500)]
+    made = Demonstrations.from_episodes(episodes)
+    found = MovedColumns.of(made, SETTINGS)
+    assert found.window == 10  # a fortieth of the median length
+    for first, end in zip(made.offsets[:-1], made.offsets[1:], strict=True):
+        for row in range(first, end):
+            move = found.values[min(row + 5, end - 1)] - found.values[max(row - 5, first)]
+            assert (found.moves[row] == (np.abs(move) > SETTINGS.least_move)).all()
+
+
+def column(*values):
+    """One column, whose three demonstrations are alike."""
+    still = np.zeros((3 * len(values), 1), dtype=bool)
+    offsets = np.arange(4) * len(values)
+    return MovedColumns(np.tile(np.array(values), 3)[:, None], offsets, 3, still, np.zeros(1, dtype=bool))
+
+
+def test_a_hand_is_near_its_home_and_returns():
+    near = 0.45 * SETTINGS.level
+    assert column(0.0, *[near] * 40, *[1.0] * 50, *[near] * 40).closed(SETTINGS)[1]
+    assert not column(*[0.0] * 50, *[1.0] * 50).closed(SETTINGS)[1]  # home again in the next demonstration alone
+
+
+def test_things_move_in_a_larger_share_of_the_rows_of_a_closed_hand():
+    closed = np.arange(100) < 10
+    moves = np.stack([np.arange(100) % 10 < 1 + 4 * closed, np.zeros(100, dtype=bool)], axis=1)
+    found = MovedColumns(np.zeros((100, 2)), np.array([0, 100]), 3, moves, np.zeros(2, dtype=bool))
+    assert found.things(closed, SETTINGS).tolist() == [True, False]  # of which the second never moves
+
+
+def test_a_cut_is_the_corner_of_the_way_between_two_acts():
+    up = np.linspace(0, 1, 11)
+    way = np.concatenate([np.stack([np.ones(11), up], axis=1), np.stack([1 - up, np.ones(11)], axis=1)[1:]])
+    found = MovedColumns(way, np.array([0, 21]), 3, np.zeros((21, 2), dtype=bool), np.zeros(2, dtype=bool))
+    closed = (np.arange(21) < 2) | (np.arange(21) > 18)
+    assert found.cuts(closed).tolist() == [10]
+
+
+def segments(n=40):
+    start = np.tile([0, 10], n // 2)
+    score = np.linspace(-2.0, 2.0, n)
+    return Segments(np.arange(n) // 2, start, start + 10, np.zeros(n, dtype=np.int8), score, [""] * n)
+
+
+@pytest.mark.parametrize(
+    ("label", "expected"),
+    [
+        ((0, 0, 10, True), [1, 0]),
+        ((0, 0, 10, False), [-1, 0]),
+        ((0, 2, 20, True), [1, 1]),
+        ((0, 12, 14, False), [0, -1]),
+        ((0, 6, 13, True), [1, 0]),
+        ((0, 5, 15, True), [1, 1]),
+        ((0, 3, 4, True), [1, 0]),
+        ((1, 0, 10, True), [0, 0]),
+    ],
+)
+def test_a_label_marks_what_it_shares_half_with(label, expected):
+    assert marked(segments(), [label])[:2].tolist() == expected
+
+
+def test_one_side_changes_nothing_and_two_labels_make_probabilities():
+    made = segments()
+    assert taught(made, np.zeros((40, 1)), [(0, 0, 10, True), (3, 0, 10, True)], SegmentSettings()) is made
+    found = taught(made, np.zeros((40, 1)), [(0, 0, 10, False), (19, 10, 20, True)], SegmentSettings())
+    assert ((found.score > 0) & (found.score < 1)).all()
+    assert np.array_equal(np.argsort(found.score), np.argsort(made.score))
+
+
+def test_labels_are_learned_from_facts_that_the_ranking_lacks():
+    made, rng = segments(160), np.random.default_rng(0)
+    fact = rng.permutation(np.arange(160.0))
+    labels = [(k // 2, 10 * (k % 2), 10 * (k % 2) + 10, bool(fact[k] > 80)) for k in range(80)]
+    found = taught(made, fact[:, None], labels, SegmentSettings())
+    assert np.corrcoef(found.score[80:], fact[80:] > 80)[0, 1] > 0.75
+    assert np.abs(np.corrcoef(made.score[80:], fact[80:] > 80)[0, 1]) < 0.3
+    said = np.array([reason == "is like what was marked bad" for reason in found.reason])
+    assert said.any()
+    assert (fact[said] <= 80).all()
+    assert not said[:80].any()
+
+
+def test_step_scores_are_a_fact():
+    made = tidied("nobody", 20, 0).demonstrations
+    plain = find_segments(made)
+    first = made.offsets[plain.demonstration] + plain.start
+    bad = np.random.default_rng(0).random(len(first)) < 0.5
+    ratio = np.repeat(np.where(bad, -1.0, 1.0), plain.end - plain.start)
+    told = [
+        (int(m), int(a), int(b), not is_bad)
+        for m, a, b, is_bad in zip(plain.demonstration, plain.start, plain.end, bad, strict=True)
+    ]
+    found = find_segments(made, ratio, labels=told[:20])
+    assert len(first) == len(found.score)
+    below = found.score[20:][bad[20:], None] < found.score[20:][~bad[20:]]
+    assert below.mean() > 0.9  # of pairs of a bad and a good one
