@@ -65,7 +65,9 @@ STEP = '{"episode": 0, "x": 1, "action": 2}\n'
 def test_a_line_that_holds_no_object_or_several_is_refused(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # in which no file changes
     (tmp_path / "a.jsonl").write_bytes(text.encode())
-    sentence = r"a\.jsonl: no lines of JSON, or damaged .*; write an object of the same kind on each line"
+    sentence = (
+        r"a\.jsonl: no lines of JSON, or damaged .*(line|row|object).*; write an object of the same kind on each line"
+    )
     refused(sentence, "info", tmp_path / "a.jsonl")
     refused(sentence, "info", tmp_path / "a.jsonl", "--skip-bad")
 

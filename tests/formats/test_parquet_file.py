@@ -76,3 +76,16 @@ def test_a_header_that_does_not_end_is_an_error():
         stream = pa.BufferReader(content)
         with pytest.raises((IndexError, RecursionError)):
             parquet_file._header_at(stream, 0)
+
+
+def test_rows_with_images_are_kept_a_thousand_at_a_time(tmp_path, monkeypatch):
+    """What their bytes take in memory no footer says."""
+    sizes, batches = [], pq.ParquetFile.iter_batches
+    monkeypatch.setattr(
+        pq.ParquetFile, "iter_batches", lambda file, n, **own: sizes.append(n) or batches(file, n, **own)
+    )
+    rows = pa.table({"episode_index": np.repeat(range(4), 600), "x": np.arange(2400.0), "action": np.arange(2400.0)})
+    pq.write_table(rows.append_column("image", pa.array([{"bytes": b"png"}] * len(rows))), tmp_path / "a.parquet")
+    find(tmp_path / "a.parquet").keep(tmp_path / "kept.parquet", [1, 2])
+    assert sizes[-1] == 1000
+    assert pq.read_table(tmp_path / "kept.parquet").equals(pq.read_table(tmp_path / "a.parquet").slice(600, 1200))

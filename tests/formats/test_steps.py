@@ -17,7 +17,6 @@ import pytest
 from rpil import Dataset, formats
 from rpil.data.errors import DataError
 from rpil.formats import read_recording, registry, steps
-from rpil.formats.columns import ColumnOptions
 from samples import assert_same_on_disk
 
 
@@ -102,19 +101,21 @@ def test_copies_are_removed_with_their_rows(tmp_path, monkeypatch):
     assert not list((tmp_path / "temporary").iterdir())
 
 
-def test_what_takes_too_much_memory_goes_to_disk_and_large_data_too(tmp_path, monkeypatch, caplog):
-    (tmp_path / "a.csv").write_text(table(["a"] * 400 + ["b"] * 400, [0, 1] * 400))
-    assert not isinstance(read_recording(tmp_path / "a.csv", on_disk=None).demonstrations, Dataset)
-    assert not caplog.messages
-    little = ColumnOptions(memory="50kB")
-    assert isinstance(read_recording(tmp_path / "a.csv", little, on_disk=None).demonstrations, Dataset)
-    assert caplog.messages[0].startswith(f"{tmp_path / 'a.csv'}: large, so read from a copy on disk, in /")
+def test_large_data_go_to_disk_if_they_can(tmp_path, caplog, monkeypatch):
+    (path := tmp_path / "a.csv").write_text(table(["a"] * 400 + ["b"] * 400, [0, 1] * 400))
+    assert not isinstance((small := formats.open(path)).demonstrations, Dataset)
+    assert (small.options.memory, caplog.messages) == (None, [])
+    assert isinstance(formats.open(path, memory="50kB").demonstrations, Dataset)
+    assert caplog.messages[0].startswith(f"{path}: large, so read from a copy on disk, in /")
     with pytest.raises(DataError, match="of memory, more than"):
-        formats.read(tmp_path / "a.csv", memory="50kB")
-    monkeypatch.setattr(registry, "MOST_IN_MEMORY", 50_000)  # though memory is free
-    assert isinstance(formats.open(tmp_path / "a.csv").demonstrations, Dataset)
-    assert not isinstance(formats.open(tmp_path / "a.csv", memory="1GB").demonstrations, Dataset)
-    assert len(formats.read(tmp_path / "a.csv")) == 2
+        formats.read(path, memory="50kB")
+    monkeypatch.setattr(registry, "MOST_IN_MEMORY", 50_000)
+    assert isinstance(formats.open(path).demonstrations, Dataset)
+    assert not isinstance(formats.open(path, memory="1GB").demonstrations, Dataset)
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "not there"))
+    assert not isinstance(formats.open(path).demonstrations, Dataset)
+    with pytest.raises(DataError, match=r"TMPDIR is .*not there, where no file can be .*allow more with memory="):
+        formats.open(path, memory="50kB")
 
 
 @pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="only Linux has files without a name")

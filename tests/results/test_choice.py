@@ -196,10 +196,14 @@ def test_a_choice_as_lists_and_lines():
 
 
 def test_files_that_are_no_verdicts_are_refused(tmp_path):
-    for text, said in {"": "the file is empty", "[]": "JSON", '[{"id": 1, "verdict": "good"}]': "JSON"}.items():
+    other = "it is not the list of rpil audit --keep; give that, the CSV of --verdicts, or labels"
+    for text, said in {"": "the file is empty", "[]": other, '[{"id": 1, "verdict": "good"}]': other}.items():
         (tmp_path / "v.json").write_text(text)
         with pytest.raises(DataError, match=rf"v\.json: .*{said}"):
             read_verdicts(tmp_path / "v.json")
+    (tmp_path / "pairs.csv").write_text("id,label\n1,better than 2\n")
+    with pytest.raises(DataError, match=r"pairs\.csv: it labels no demonstration"):
+        read_verdicts(tmp_path / "pairs.csv")
 
 
 def test_what_was_written_to_keep_is_carried_out_by_its_rules(tmp_path):

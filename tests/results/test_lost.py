@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+import rpil
 from rpil.data.demonstrations import Demonstrations
 from rpil.results.lost import lost_places
 
@@ -36,6 +37,16 @@ def test_states_that_nobody_else_reaches_are_named_where_the_start_is_usual():
     (found,) = lost_places(Demonstrations.from_episodes(episodes, observation_names=NAMES), range(25))
     lowest = min(observations[:, 0].min() for observations, _ in usual)
     assert found == f"No kept demonstration reaches hand below {np.floor(lowest * 100) / 100:.2f}; 25 does."
+
+
+def test_data_on_disk_lose_the_same_if_they_fit_in_memory(tmp_path, monkeypatch):
+    rng = np.random.default_rng(2)
+    made = reaches([*usual_starts(25, rng), (90.0, 0.0)], rng)
+    rpil.write(tmp_path / "a.parquet", made)
+    on_disk = rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations
+    assert lost_places(on_disk, range(25)) == lost_places(made, range(25)) != ()
+    monkeypatch.setattr("rpil.data.memory.free_memory", lambda: 1000.0)
+    assert lost_places(on_disk, range(25)) == ()
 
 
 def test_a_hole_within_all_ranges_is_named_without_an_observation():

@@ -249,12 +249,14 @@ def _write(title: str, path: str, run: AuditRun) -> list[str]:
 def about(run: AuditRun) -> About:
     """Context that the report shows beside the audit."""
     from rpil.data.demonstrations import Demonstrations
+    from rpil.data.memory import FREE_SHARE, free_memory
     from rpil.data.text import for_others
     from rpil.faults.set_table import set_table
     from rpil.results.html.page import About, no_faults
 
     read, lerobot = run.recording.description, run.recording.description.format.startswith("LeRobot")
-    source = for_others(run.source)
+    source, data = for_others(run.source), run.recording.demonstrations
+    fits = isinstance(data, Demonstrations) or data.nbytes < FREE_SHARE * free_memory()
     return About(
         title=f"Audit of {Path(source).name}",
         source=source,
@@ -264,7 +266,7 @@ def about(run: AuditRun) -> About:
         table=set_table(run.recording, run.faults, Path(source).name) if run.faults else None,
         tasks=run.recording.tasks,
         demonstrators=run.demonstrators,
-        segments=run.segments if isinstance(run.recording.demonstrations, Demonstrations) else None,  # in memory
+        segments=run.segments if fits else None,
         lerobot=lerobot,
     )
 

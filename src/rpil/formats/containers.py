@@ -13,8 +13,8 @@ import math
 import re
 import warnings
 import zipfile
-from collections.abc import Container, Mapping, Set
-from contextlib import suppress
+from collections.abc import Container, Iterator, Mapping, Set
+from contextlib import contextmanager, suppress
 from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -144,13 +144,27 @@ class _FileArray:
             raise DataError(f"{where}: its chunks hold more than they declare; copy or write it again.")
 
 
+@contextmanager
+def _writing_errors() -> Iterator[None]:
+    """Raise an `OSError` with its number in place of the errors of h5py for a write that failed."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        if failed := re.search(r"errno = (\d+)", str(error)):
+            raise OSError(int(failed[1]), "write failed") from error
+        raise
+
+
 def keep_groups(path: Path, output: Path, ids: Set[str]) -> None:
-    """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others."""
+    """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others.
+
+    An `OSError` with its number if the system fails to write it.
+    """
     import h5py
 
     source, arrays = open_hdf5(path)
     within, found = arrays.groups()
-    with h5py.File(output, "w") as new:
+    with _writing_errors(), h5py.File(output, "w") as new:
         dropped = found.keys() - ids
         _copy(source, new, {"mask", within.strip("/")} if within else {"mask", *dropped})
         if within:

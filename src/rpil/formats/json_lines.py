@@ -68,7 +68,8 @@ def _parsed(file: Path) -> pa.Table:
         with file.open("rb") as lines:
             ends = [line[:1] + line[-1:] for line in map(bytes.strip, lines) if line]
         if ends != [b"{}"] * len(table):
-            raise ValueError("a line holds no object, or several")
+            line = next((k for k, end in enumerate(ends, 1) if end != b"{}"), 0)
+            raise ValueError(f"line {line:,} holds no object" if line else "a line holds several objects")
         return table
 
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
+from json import JSONDecodeError
 from pathlib import Path
 
 import numpy as np
@@ -236,11 +237,15 @@ class MetaFolder:
             return {int(row["episode_index"]): int(row["length"]) for row in rows}
 
     def tasks(self) -> dict[str, str]:
-        """Task by its number; since version 3.0 its text is the index of pandas. A `DataError` where they are damaged,
-        or not in UTF-8."""
-        with guarded(self.path / "meta", "its tasks cannot be read", "write them again in UTF-8"):
-            others = [(row, [x for name, x in row.items() if name != "task_index"]) for row in self.rows("tasks")]
-            return {str(row["task_index"]): str(row.get("task", *texts[:1])) for row, texts in others}
+        """Task by its number; since version 3.0 its text is the index of pandas. Empty where they are damaged,
+        and a `DataError` where they are not in UTF-8."""
+        found, damages = {}, (pa.ArrowException, OSError, DataError, JSONDecodeError, KeyError, TypeError)
+        place, *words = self.path / "meta", "its tasks cannot be read", "write them again in UTF-8"
+        with guarded(place, *words), suppress(*damages, RecursionError):
+            for row in self.rows("tasks"):
+                texts = [text for name, text in row.items() if name != "task_index"]
+                found[str(row["task_index"])] = str(row.get("task", *texts[:1]))
+        return found
 
 
 def read_metadata(paths: Sequence[str]) -> Metadata:

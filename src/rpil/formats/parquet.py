@@ -26,6 +26,7 @@ from rpil.formats.table import BATCH_ROWS, other_columns
 
 _HEAD_COLUMNS = 2000  # whose first values are looked at
 _ROWS_OF_LISTS = 16  # by which their widths are told
+_NESTED_ROWS = 1000  # read at a time where there are images, whose bytes no footer says
 
 Change = Callable[["pa.Table"], "pa.Table"]
 
@@ -155,13 +156,14 @@ def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
 def keep_rows(
     path: Path, output: Path, ids: Set[str], options: ColumnOptions, change: Change = lambda table: table
 ) -> None:
-    """Write the rows of the demonstrations `ids` of a Parquet file, after a `change`, a row group at a time."""
+    """Write the rows of the demonstrations `ids` of a Parquet file, after a `change`, a batch at a time."""
     with opened(path) as file:
         schema, column = file.schema.to_arrow_schema(), columns_of_file(file, path, options).episode
         check_memory(max(check_sizes(file, schema.names, path), default=0), path.name, options.memory)
+        nested = any(flat.kind_of_type(field.type) == "nested" for field in schema)
         with pq.ParquetWriter(output, schema) as writer:
-            for k in range(file.num_row_groups):
-                table = file.read_row_group(k, use_threads=False)
+            for batch in file.iter_batches(_NESTED_ROWS if nested else BATCH_ROWS, use_threads=False):
+                table = pa.Table.from_batches([batch])
                 names, owners = flat.id_codes(table, column, lambda _: path.name)
                 rows = np.flatnonzero(np.isin(owners, [k for k, name in enumerate(names) if str(name) in ids]))
                 if len(rows):

@@ -27,11 +27,12 @@ from rpil.data.files import (
     replacing,
 )
 from rpil.data.id_values import check_ids
-from rpil.data.memory import FREE_SHARE, MOST_IN_MEMORY, TooLargeError, check_memory, free_memory
+from rpil.data.memory import FREE_SHARE, MOST_IN_MEMORY, Size, TooLargeError, check_memory, free_memory
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, StepTables, called, from_arrow
 from rpil.formats.recording import Recording, from_tables
+from rpil.formats.steps import NoCopyError
 
 _LISTS = (".json", ".txt")
 """Extensions of lists of ids."""
@@ -94,18 +95,25 @@ class ClaimedPath:
 
     def read(self, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False) -> Recording:
         """The recording; see `rpil.formats.read_recording`."""
-        if on_disk is None:
-            most = options.memory or min(MOST_IN_MEMORY, FREE_SHARE * free_memory())
+        if on_disk is not None:
+            return self._read(replace(options, on_disk=on_disk), options.memory)
+        with suppress(TooLargeError):
+            return self._read(options, options.memory or min(MOST_IN_MEMORY, FREE_SHARE * free_memory()))
+        folder = tempfile.gettempdir()
+        logging.getLogger("rpil").warning("%s: large, so read from a copy on disk, in %s.", self.path, folder)
+        try:
+            return self._read(replace(options, on_disk=True), options.memory)
+        except NoCopyError:
             with suppress(TooLargeError):
-                return self.read(replace(options, memory=most), on_disk=False)
-            folder = tempfile.gettempdir()
-            logging.getLogger("rpil").warning("%s: large, so read from a copy on disk, in %s.", self.path, folder)
-            return self.read(options, on_disk=True)
+                return self._read(options, options.memory)
+            raise
+
+    def _read(self, options: ColumnOptions, memory: Size | None) -> Recording:
+        """The recording, whose rows may take so much `memory`."""
         with guarded(str(self.path)):
-            place, options = Path(self.path), replace(options, on_disk=on_disk)
-            if place.is_file():
+            if (place := Path(self.path)).is_file():
                 check_readable(place)
-            recording = from_tables(self.format.read(place, options), options)
+            recording = from_tables(self.format.read(place, replace(options, memory=memory)), options)
             return replace(
                 recording,
                 write_some=lambda ids, new: self.keep(new, ids, options, recording.ids),

@@ -29,6 +29,10 @@ _BATCHES_AT_ONCE = 16
 """Batches that are put in another order together, each of which may be all over the file."""
 
 
+class NoCopyError(DataError):
+    """No copy on disk can be written."""
+
+
 class ArrowFile:
     """A temporary file of Arrow with batches of `n_batch` rows; it goes with the object that wrote it.
 
@@ -93,6 +97,9 @@ class ArrowFile:
 
 def _new_file(n_bytes: float) -> tuple[str, int]:
     """The path of a new temporary file, which is to have `n_bytes`, and its handle if it has no name, else -1."""
+    folder = os.environ.get("TMPDIR") or tempfile.gettempdir()
+    if not os.access(folder, os.W_OK | os.X_OK):  # Python takes another one then, which may be too small
+        raise OSError(errno.ENOENT, f"TMPDIR is {folder}, where no file can be written")
     if n_bytes > (free := shutil.disk_usage(tempfile.gettempdir()).free):
         raise OSError(errno.ENOSPC, f"it needs {n_bytes / 1e9:,.2f} GB, and {free / 1e9:,.2f} GB are free")
     try:
@@ -132,9 +139,9 @@ def _writing(name: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise DataError(
+        raise NoCopyError(
             f"{name}: a copy of its rows cannot be written to {tempfile.gettempdir()} "
-            f"({error.strerror or 'it cannot be used'}); set TMPDIR to another folder, or read the data into memory."
+            f"({error.strerror or 'it cannot be used'}); set TMPDIR to another folder, or allow more with --memory."
         ) from error
 
 

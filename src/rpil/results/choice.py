@@ -141,7 +141,10 @@ def read_verdicts(path: StrPath) -> Table:
     with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
         text = read_text(path, LARGEST_TABLE)
         if is_list:
-            kept: dict[str, Any] = parse(text, path.name, LARGEST_TABLE)
+            kept: Any = parse(text, path.name, LARGEST_TABLE)
+            if not isinstance(kept, dict) or not {"episodes", "rejected"} <= kept.keys():
+                remedy = "give that, the CSV of --verdicts, or labels"
+                raise DataError(f"{path.name}: it is not the list of rpil audit --keep; {remedy}.")
             rules = dict.fromkeys(kept["episodes"], "")
             rules |= {name: rule for rule in KEEP_RULES for name in kept["rejected"].get(rule, ())}
             return {"id": [*rules], "verdict": ["open"] * len(rules), "rejected_by": [*rules.values()]}
@@ -149,6 +152,8 @@ def read_verdicts(path: StrPath) -> Table:
         columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
     if not {"id", "verdict"} <= {*columns}:
         labels, _ = read_answers(path)
+        if not labels:
+            raise DataError(f"{path.name}: it labels no demonstration; give at least one id and label.")
         return {"id": list(labels), "verdict": list(labels.values()), "label": list(labels.values())}
     return columns | {"id": [from_cell(str(name)) for name in columns["id"]]}
 

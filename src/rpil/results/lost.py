@@ -16,6 +16,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import stdtrit
 
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.memory import TooLargeError
 from rpil.data.text import listed, printable
 from rpil.formats.format import Dataset
 from rpil.numerics.regression import ROUNDING, robust_scale
@@ -36,16 +37,21 @@ MIN_KEPT = 3
 
 def lost_places(demonstrations: Demonstrations | Dataset, kept: Collection[object]) -> tuple[str, ...]:
     """A sentence for each place that only demonstrations visit whose ids are not `kept`, most often none, such as "No
-    kept demonstration starts with obs.3 above 0.41; 12 does." Of data on disk, and without observations that are
-    finite, nothing is said.
+    kept demonstration starts with obs.3 above 0.41; 12 does." Of data that do not fit in memory, or whose observations
+    are not finite, nothing is said.
 
     For each demonstration that is left out the distance of its start to the nearest start of a kept one is compared
     with what is usual among the kept ones, each left out in turn; and so is the median distance of its states.
     """
     names = {*map(str, kept)}
     is_kept = np.array([str(name) in names for name in demonstrations.ids])
-    if not isinstance(demonstrations, Demonstrations) or is_kept.sum() < MIN_KEPT or is_kept.all():
+    if is_kept.sum() < MIN_KEPT or is_kept.all():
         return ()
+    if isinstance(demonstrations, Dataset):
+        try:
+            demonstrations = demonstrations.select(slice(None))
+        except TooLargeError:
+            return ()
     if not demonstrations.observations.size or not np.isfinite(demonstrations.observations).all():
         return ()
     episodes, chosen = [own for own, _ in demonstrations], [_thin(np.flatnonzero(is_kept == one)) for one in (1, 0)]

@@ -61,17 +61,16 @@ def test_statistics_are_those_of_the_kept_and_others_stay(tmp_path):
     np.testing.assert_allclose(found["action"]["min"], np.min(actions, axis=0))
 
 
-def test_episodes_within_each_other_are_sorted(tmp_path):
+def test_episodes_within_each_other_are_sorted(tmp_path, monkeypatch):
     root = folders.write(tmp_path / "drive", LENGTHS)
     old = folders.read(root)
     file = root / "data" / "chunk-000" / "file-000.parquet"
     table = pq.read_table(file)
-    mixed = table.take(np.argsort(table["frame_index"].to_numpy(), kind="stable"))
-    pq.write_table(mixed, file)
+    pq.write_table(table.take(np.argsort(table["frame_index"].to_numpy(), kind="stable")), file)
     find(root).keep(tmp_path / "kept", [0, 2, 4])
     for one, m in zip(folders.read(tmp_path / "kept"), [0, 2, 4], strict=True):
         assert_same(one, old[m])
-    pq.write_table(mixed, file, row_group_size=5)  # which are not sorted together
+    monkeypatch.setattr("rpil.formats.parquet.BATCH_ROWS", 5)  # which are not sorted together
     with pytest.raises(DataError, match="within each other"):
         find(root).keep(tmp_path / "other", [0, 1])
 
