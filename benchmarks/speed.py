@@ -196,8 +196,8 @@ def page(result: dict[str, Any]) -> str:
     lines = [HEAD, "", "| row | what | found | goal |", "|---|---|---|---|"]
     for letter, row in ROWS.items():
         for key, goal in row.goals.items():
-            found = f"{result[key]:.3g}" if letter in result["rows"] else "not measured"
-            found = f"**{found}**" if letter in result["rows"] and goal is not None and result[key] > goal else found
+            found = f"{result[key]:.4g}" if letter in result["rows"] else "not measured"
+            found = f"**{found}**" if letter in result["rows"] and goal is not None and float(found) > goal else found
             lines.append(f"| {key} | {row.what} | {found} | {'' if goal is None else f'{goal:g}'} |")
     return "\n".join([*lines, "", line(result["provenance"]), ""])
 
