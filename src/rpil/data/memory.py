@@ -22,7 +22,7 @@ FREE_SHARE = 0.5
 """Share of the free memory that data may take where no size was given."""
 
 MOST_IN_MEMORY = 512_000_000
-"""Bytes that data may take where they may as well stay on disk, which takes as long."""
+"""Bytes above which data stay on disk by default: an audit takes as long there, and less memory."""
 
 BYTES_PER_NUMBER = 16
 """In tables: a number as it is read, and as it is kept."""

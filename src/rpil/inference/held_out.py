@@ -69,9 +69,9 @@ class _Linear(HeldOutModel):
 
 @dataclass(eq=False)
 class HeldOutSoftmax(_Linear):
-    """Softmax policies with lapses, for discrete actions. The fit to all folds begins at the last one, and the fits
-    without a fold begin at it and with its Hessian, which is nearly theirs (approximate cross-validation, Rad and
-    Maleki 2020); they go on until they have converged."""
+    """Softmax policies with lapses, for discrete actions. The fit to all folds begins at the last one, and each fit
+    without a fold at that one, with its Hessian (approximate cross-validation, Rad and Maleki 2020). Each goes on until
+    it has converged: after one step alone the ranks of a set correlated by .92 with those of refits."""
 
     _weights: Float[Array, "D K"] | None = field(default=None, init=False)
 
