@@ -32,6 +32,7 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 import speed_audits
 import speed_fits
+import speed_shares
 import speed_systems
 from options import output, write_json
 from provenance import line, provenance
@@ -42,6 +43,10 @@ HEAD = """# How fast
 `make results` writes this page with `python benchmarks/speed.py`; edit the script, not the page. Its functions say what
 each row measures. All rows come from one commit. A ratio comes from one run in which both sides take turns. Rows that
 end in `_cpu` are seconds of CPU. A figure in bold misses its goal."""
+WHERE = """## Where the time goes
+
+Shares of the CPU of one more run. *Arithmetic* is that of fits; *judging* decides on fits; *rules* look for recording
+faults."""
 MOST_GIB = 16.0
 MOST_CROSS_FITS = 12.0
 """Times a cross-fit that the fit of recorded data with continuous actions may take."""
@@ -199,7 +204,8 @@ def page(result: dict[str, Any]) -> str:
             found = f"{result[key]:.4g}" if letter in result["rows"] else "not measured"
             found = f"**{found}**" if letter in result["rows"] and goal is not None and float(found) > goal else found
             lines.append(f"| {key} | {row.what} | {found} | {'' if goal is None else f'{goal:g}'} |")
-    return "\n".join([*lines, "", line(result["provenance"]), ""])
+    where = [WHERE, "", *speed_shares.table(result["details"])]
+    return "\n".join([*lines, "", *where, "", line(result["provenance"]), ""])
 
 
 def measured(letter: str, quick: bool, repeats: int, details: dict[str, Any]) -> dict[str, float]:

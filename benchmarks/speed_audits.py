@@ -23,6 +23,7 @@ from sklearn.model_selection import GroupKFold
 from threadpoolctl import threadpool_limits
 
 import rpil
+import speed_shares
 from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.rpil import RPIL
 from rpil.formats.format import Dataset
@@ -52,6 +53,7 @@ def default_fit(letter: str, path: Path | None, repeats: int) -> Measured | Skip
     seconds = {"ours": statistics.median(ours), "cross_fit": statistics.median(theirs)}
     values = {letter: seconds["ours"], f"{letter}_ratio": seconds["ours"] / seconds["cross_fit"]}
     details = {"cpu_seconds": seconds, "shape": list(design.shape), "finding": model.audit_.finding}
+    details["where"] = {"fit": speed_shares.of_run(lambda: RPIL().fit(opened(path)))}
     return Measured(values, details)
 
 
@@ -108,12 +110,13 @@ def audit_of_folder(letters: str, size: dict[str, int], repeats: int) -> Measure
                 used[name].append(command_seconds(name, folder)[0])
             for name, seconds in unavoidable(folder).items():
                 used[name].append(seconds)
+        where = {name: speed_shares.of_command(name, folder, environment()) for name in ("audit", "check")}
     seconds = {name: statistics.median(of) for name, of in used.items()}
     least = seconds["read"] + seconds["pass"]
     audit, check = letters
     values = {f"{audit}_cpu": seconds["audit"], audit: seconds["audit"] / (least + seconds["ridge"])}
     values |= {f"{check}_cpu": seconds["check"], check: seconds["check"] / least}
-    return Measured(values, {"seconds": seconds})
+    return Measured(values, {"seconds": seconds, "where": where})
 
 
 def command_seconds(name: str, path: Path) -> tuple[float, float]:

@@ -23,6 +23,6 @@ def test_the_page_has_each_row_with_its_goal_and_one_commit():
 
 def test_the_page_shows_what_misses_its_goal():
     origin = {"commit": "1", "dirty": False, "date": "", "seeds": 0, "cores": 1, "system": "", "python": ""}
-    result = {"rows": ["D"], "D": 3.0, "provenance": origin | {"packages": {}}}
+    result = {"rows": ["D"], "D": 3.0, "details": {}, "provenance": origin | {"packages": {}}}
     assert "| D | a pass over two matrix products | **3** | 2 |" in speed.page(result)
     assert "| D | a pass over two matrix products | 1.5 | 2 |" in speed.page(result | {"D": 1.5})
