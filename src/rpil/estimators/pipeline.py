@@ -215,7 +215,7 @@ def judged_starts(data: FitData, settings: Settings) -> dict[str, Array]:
     judged = judge(data, held_out_model(data, settings.judge.held_out), settings.judge)
     best = np.argsort(-judged.scores.score, kind="stable")[: settings.mixture.single_starts]
     single = {f"single {m}": (np.arange(data.n_demonstrations) == m).astype(float) for m in best}
-    return {"agreeing": judged.training_group.astype(float)} | single
+    return {"agreeing": judged.scores.fit.group.astype(float)} | single
 
 
 def judge_by_options(

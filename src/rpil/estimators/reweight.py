@@ -235,7 +235,7 @@ def reweight(
     fold = data.per_step(deal(data, chosen.n_folds, chosen.random_state))
     model = TrainedPolicy(policy, data, once, log_prob, train, fold, chosen, progress)
     judgement = judge(data, model, chosen.judge, progress, data)
-    n_rounds = model.cache[data.per_step(judgement.training_group.astype(float)).tobytes()][1]
+    n_rounds = model.cache[data.per_step(judgement.scores.fit.group.astype(float)).tobytes()][1]
     data = data if once is demonstrations else task.data(demonstrations, features)
     judgement = repeated(judgement, copies, data.offsets)
     settings = replace(chosen.audit, judge=chosen.judge)

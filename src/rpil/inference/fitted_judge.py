@@ -115,7 +115,7 @@ class FittedJudge:
     @classmethod
     def of(cls, judgement: Judgement, data: FitData, settings: JudgeSettings) -> FittedJudge:
         """From a judgement of `data`."""
-        scores, weight = judgement.scores, data.per_step(judgement.training_group.astype(float))
+        scores, weight = judgement.scores, data.per_step(judgement.scores.fit.group.astype(float))
         ratio = fit_ratio(data, weight, scores.fit.ridge, settings.held_out)
         return cls(ratio, scores.groups, scores.step_variance, judgement.states, scores.typical_own)
 

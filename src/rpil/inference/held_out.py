@@ -98,18 +98,14 @@ def fit_weighted(
     start: Float[Array, "D K"] | None = None,
     hessian: Preconditioner | None = None,
 ) -> SoftmaxFit:
-    """A softmax policy fitted to weighted steps, with a `ridge` a step, from `start`."""
+    """A softmax policy fitted to weighted steps, with a `ridge` a step and none on the constant, from `start`."""
     from rpil.numerics.newton import NewtonSettings, fit_softmax  # which ridge regression does without
 
     rows = np.flatnonzero(weight > 0)
     features, weight = data.features[rows], weight[rows]
-    targets, penalty = one_hot(data.actions[rows], weight, n_actions(data)), penalty_of(features, weight, ridge)
+    targets = one_hot(data.actions[rows], weight, n_actions(data))
+    penalty = np.append(np.full(features.shape[1] - 1, ridge * max(float(weight.sum()), MIN_WEIGHT)), 0.0)
     return fit_softmax(features, targets, penalty, NewtonSettings(tol), start=start, preconditioner=hessian)
-
-
-def penalty_of(features: Float[Array, "N D"], weight: Float[Array, " N"], ridge: float) -> Float[Array, " D"]:
-    """The penalty on the coefficients of each feature, with a `ridge` a step; none on the constant."""
-    return np.append(np.full(features.shape[1] - 1, ridge * max(float(weight.sum()), MIN_WEIGHT)), 0.0)
 
 
 def n_actions(data: FitData) -> int:

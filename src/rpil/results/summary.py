@@ -217,7 +217,7 @@ def by_held_out_policies(
     judgement: Judgement, model: HeldOutSoftmax | HeldOutRidge, copies: Copies, settings: HeldOutSettings
 ) -> StepEvidence:
     """By held-out policies of a linear `model` where actions are continuous, without `copies` of others."""
-    fit, data, group = judgement.scores.fit, model.data, judgement.training_group
+    fit, data, group = judgement.scores.fit, model.data, judgement.scores.fit.group
     if data.space.kind == "discrete":
         expected = fit.log_prob
     else:
