@@ -46,7 +46,7 @@ LAYOUTS = [
         STEPS | {"next_obs": np.where(IS_LAST[:, None], 9, np.roll(STATES, -1, axis=0))},
     ),
     (f"{EACH}, as long as lengths says.", ROWS | {"lengths": np.array(LENGTHS)}),
-    (f"{EACH}, as long as mask is true.", ROWS | {"mask": IS_STEP}),
+    (f"{EACH}, as long as mask is true.", {"states": ROWS["obs"], "actions": ROWS["actions"], "mask": IS_STEP}),
     (f"{EACH}, which ends at dones.", ROWS | {"dones": np.arange(T) == np.array(LENGTHS)[:, None] - 1}),
     (f"{EACH}, as long as", ROWS | {"obs": stacked(STATES, T + 1), "lengths": np.array(LENGTHS)}),
 ]

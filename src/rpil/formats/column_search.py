@@ -180,6 +180,11 @@ class _Search:
         free = [name for name in self.free if name not in self.ignored]
         if not free:
             what = "holds observations: name them observation.*, or name the columns"
+            observed = (name for name in self.names if spellings.OBSERVATION.fullmatch(self.plain[name]))
+            if nested := [name for name in observed if self.kinds[name] == "nested"]:
+                fault = f"column {nested[0]!r} holds no lists of numbers; write numbers, one row for each step"
+                remedy = "if each row is a demonstration, pass the rows to rpil.read in Python"
+                raise DataError(f"{self.source}: {fault}; {remedy}.")
             raise self.no_column(what, "observations")
         named = [name for name in free if spellings.OBSERVATION.fullmatch(self.plain[name])]
         if not named:

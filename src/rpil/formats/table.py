@@ -156,7 +156,7 @@ def column_values(table: pa.Table, name: str, at: Place, allows_missing: bool = 
         column = column.cast(column.type.value_type)
     if column.null_count and not (pa.types.is_floating(column.type) and allows_missing):
         row = pc.index(pc.is_null(column), True).as_py()
-        raise DataError(f"{at(row)}: column {name!r} has no value; fill it in, or read with --skip-bad.")
+        raise DataError(f"{at(row)}: column {name!r} has no value; fill it in, or read with --exclude or --skip-bad.")
     if _is_numeric(column.type):
         return np.asarray(column.to_numpy())
     if pa.types.is_decimal(column.type):
