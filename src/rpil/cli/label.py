@@ -11,6 +11,7 @@ import webbrowser
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -21,13 +22,12 @@ from rpil.cli import commands, terminal
 from rpil.cli.audit import print_finding
 from rpil.cli.options import LABEL_OPTIONS, LABELS_FILE, RunOptions, Value, command_words, with_options
 from rpil.cli.terminal import show_stages
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, optional
 from rpil.data.files import check_outputs, is_dangling
 from rpil.data.memory import LARGEST_TABLE, read_json
 from rpil.data.text import counted
 
 if TYPE_CHECKING:
-    from rpil.cli.questions.server import Review
     from rpil.cli.questions.session import Session
     from rpil.data.memory import Parsed
     from rpil.results.html.page import View
@@ -152,14 +152,24 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
     The page asks the questions of rpil label. It writes each answer at once to labels.csv, or the file of --labels,
     and a run goes on where the last one ended. No other computer can open the page. Ctrl-C ends it.
     """
-    from rpil.cli.questions.server import Gate, application, listen, load_server, serve
+    from rpil.cli.questions.server import Gate, Review, application, listen, serve
+    from rpil.cli.questions.session import EpisodeVideos
 
-    load_server()
+    for name in ("starlette", "uvicorn"):
+        optional(name, "To review on a page", "review")
     with listen(port or 0) as listening, TemporaryDirectory(prefix="rpil-") if browser else nullcontext() as folder:
         quiet = options["quiet"]
         with terminal.print_warnings():  # now, not when the page is closed
-            shown = _review(ctx, *begin(file, options, None), quiet)
-        gate = Gate.new(listening.getsockname()[1])
+            run, session = begin(file, options, None)
+            with show_stages(quiet) as progress:
+                run = replace(run, faults=commands.look_for_faults(run.recording, progress))
+                progress("looking for videos")
+                # By another column of ids, no demonstration is an episode that videos are named after.
+                ids = () if run.recording.options.id else run.audit.ids
+                videos = EpisodeVideos.of(run.source, ids, run.audit.fps)
+            finish = partial(_finish, ctx, run, session)
+            shown = Review(session, commands.about(run), videos, finish, run.recording.demonstrations)
+        gate = Gate(listening.getsockname()[1])
         click.echo(f"The page is at {gate.url}  (Ctrl-C ends it)")
         if folder:
             page = Path(folder, "review.html")  # all users see what a browser opens, and only this one may read it
@@ -168,26 +178,7 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
             threading.Thread(target=webbrowser.open, args=[page.as_uri()], daemon=True).start()
         with suppress(KeyboardInterrupt):
             serve(application(shown, gate), listening)
-    terminal.print_lines(last_lines(shown.session, command_words(ctx, "audit", WITHOUT)))
-
-
-def _review(ctx: click.Context, run: commands.AuditRun, session: Session, quiet: bool) -> Review:
-    """State that the page shows and changes."""
-    from rpil.cli.questions.server import Review
-    from rpil.cli.questions.session import EpisodeVideos
-
-    with show_stages(quiet) as progress:
-        run = replace(run, faults=commands.look_for_faults(run.recording, progress))
-        progress("looking for videos")
-        # By another column of ids, no demonstration is an episode that videos are named after.
-        videos = EpisodeVideos.of(run.source, () if run.recording.options.id else run.audit.ids, run.audit.fps)
-    return Review(
-        session=session,
-        about=commands.about(run),
-        videos=videos,
-        finish=lambda given: _finish(ctx, run, session, given),
-        data=run.recording.demonstrations,
-    )
+    terminal.print_lines(last_lines(session, command_words(ctx, "audit", WITHOUT)))
 
 
 def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given: Mapping[str, Parsed]) -> View:
@@ -226,7 +217,7 @@ def _run_of(path: str, audit: Audit) -> bytes:
     """The run id in a list to keep that a review of the same data wrote, as in its other files; empty if it is none."""
     with suppress(DataError, OSError, ValueError, LookupError, TypeError):
         kept = read_json(Path(path), LARGEST_TABLE)
-        if audit.provenance and kept["provenance"]["files"][0]["path"] == audit.provenance.files[0]["path"]:
+        if kept["provenance"]["files"][0]["path"] == audit.provenance["files"][0]["path"]:
             run = str(kept["run"])
             return run.encode() if len(run) == len(audit.run_id) else b""  # a letter is in every file
     return b""

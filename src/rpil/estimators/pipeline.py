@@ -30,17 +30,10 @@ from rpil.mixture.settings import MixtureSettings
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.settings import CrossFitSettings, SelectionSettings
+from rpil.results import summary
 from rpil.results.judged import AuditSettings
 from rpil.results.record import Audit, Interval
 from rpil.results.step_weights import weights_of
-from rpil.results.summary import (
-    COMPARED,
-    audit_from_judgement,
-    audit_from_mixture,
-    by_held_out_policies,
-    deviations,
-    parts_not_judged,
-)
 from rpil.scale.settings import AscentSettings, SampleSettings
 
 if TYPE_CHECKING:
@@ -205,7 +198,7 @@ def decide_by_mixture(data: FitData, features: Features, ids: Sequence[Hashable]
     search = SearchSettings(start, settings.mixture, partial(judged_starts, data, settings))
     result = fit_mixture(data, search, options.adversary, options.progress)
     share = Interval(*result.state.prior.interval(result.posterior.expert))
-    audit = audit_from_mixture(data, result, share, ids, settings.audit)
+    audit = summary.audit_from_mixture(data, result, share, ids, settings.audit)
     fitted = FitResult(audit, features, state=result.state, converged=bool(result.converged))
     return replace(fitted, n_iter=max(1, len(result.history) - 1), lower_bound=result.objective)
 
@@ -237,7 +230,7 @@ def decided(
     """The audit of a judgement of all demonstrations, with the answers that were given."""
     # An audit answers like the judge, and without a policy its weights are for other trainings.
     settings = replace(options.settings.audit, judge=options.settings.judge, weighs_for_learner=learns)
-    audit = audit_from_judgement(judgement, data, task.source.ids, task.answers, settings)
+    audit = summary.audit_from_judgement(judgement, data, task.source.ids, task.answers, settings)
     fit, p_two = judgement.scores.fit, judgement.scores.groups.p_two
     return FitResult(audit, features, n_iter=len(fit.history), lower_bound=float(fit.history[-1]), p_two=p_two)
 
@@ -258,11 +251,11 @@ def fit_full(task: Task, options: FitOptions, learns: bool = True) -> FitResult:
             whole = fit_data(task, options, every, features)
             judgement = repeated(judgement, copies, whole.offsets)
         result = decided(task, options, judgement, whole, features, learns)
-        notes = *result.audit.notes, *parts_not_judged(data), *filter(None, [copies.sentence])
+        notes = *result.audit.notes, *summary.parts_not_judged(data), *filter(None, [copies.sentence])
         audit = replace(result.audit, notes=notes)
-        if audit.finding in COMPARED:
-            evidence = by_held_out_policies(judgement, linear, copies, options.settings.judge.held_out)
-            audit = replace(audit, deviations=deviations(audit, evidence, task.classes))
+        if audit.finding in summary.COMPARED:
+            evidence = summary.by_held_out_policies(judgement, linear, copies, options.settings.judge.held_out)
+            audit = replace(audit, deviations=summary.deviations(audit, evidence, task.classes))
     else:
         result = decide_by_mixture(data, features, every.ids, options)
         audit = result.audit

@@ -28,7 +28,7 @@ from rpil.formats.format import Dataset, Frame
 from rpil.formats.recording import Recording
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
-from rpil.results.judged import Provenance, changed_settings
+from rpil.results.judged import changed_settings, provenance_of
 from rpil.results.record import Audit
 from rpil.results.step_weights import takeover_signs, without_bad_rows
 from rpil.results.tasks import first_of, join_audits
@@ -322,5 +322,5 @@ def audit_recording(
     """
     audit, _ = fit_within_tasks(recording, stated, options, keeps_policy=False)
     changed = changed_settings(options.settings, Settings())
-    provenance = Provenance.of(command, options.random_state, changed, (path, *files))
-    return replace(audit, provenance=provenance, fps=recording.description.fps or recording.times().fps)
+    made = provenance_of(command, options.random_state, changed, (path, *files))
+    return replace(audit, provenance=made, fps=recording.description.fps or recording.times().fps)

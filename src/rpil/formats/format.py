@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from rpil.data.arrays import ActionKind, Id, Indices, check_any, check_finite
+from rpil.data.arrays import ActionKind, Id, Indices, check_any
 from rpil.data.demonstrations import BLOCK_STEPS, Block, Demonstrations, DemonstrationSet, shard_bounds
 from rpil.data.errors import DataError, guarded
 from rpil.data.memory import Size, check_memory
@@ -293,17 +293,6 @@ class Dataset(DemonstrationSet):
         bounds = shard_bounds(self.offsets, n_shards, block_steps)
         steps = replace(self.steps, place=None, sizes={})  # which grow with the data, and serve messages alone
         return [Shard(steps.part(one[0], one[-1]), self.layout, tuple(one)) for one in bounds]
-
-    def refuse_faulty(self, numbers: Iterable[int]) -> None:
-        """Raise a `DataError` if a value of these demonstrations is missing or infinite."""
-        for m in sorted(numbers):
-            (block,) = Shard(self.steps.part(m, m + 1), self.layout, (m, m + 1))
-            source = (self.steps.files(self.offsets[m : m + 1]) or [self.source])[0]
-            names = [f"observation {name!r}" for name in self.observation_names]
-            parts = [f"action {a}" for a in range(self.n_actions)]
-            for values, what in ((block.observations, names), (block.actions, parts)):
-                if what:
-                    check_finite(values, tuple(what), block.offsets, self.ids[m : m + 1], source)
 
     def select(self, indices: Indices) -> Demonstrations:
         """The demonstrations at `indices` (integers, a slice or a mask over the M), in that order, in memory."""

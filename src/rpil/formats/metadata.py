@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from collections import Counter
@@ -9,7 +10,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from json import JSONDecodeError
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from rpil.data.arrays import Id, are_whole
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import check_inside, is_hidden
 from rpil.data.fit_data import FILE_SESSION, Facts, outcome_of_steps
-from rpil.data.memory import LARGEST_TABLE, Parsed, parse_lines, read_json, read_text
+from rpil.data.memory import LARGEST_TABLE, Parsed, read_json, read_text
 from rpil.data.text import EPISODE, TIMESTAMP, plain_name
 from rpil.formats.columns import LENGTH, Columns
 from rpil.formats.parquet_file import read_table
@@ -225,7 +225,8 @@ class MetaFolder:
         """
         lines = self.path / "meta" / f"{name}.jsonl"
         if lines in self.files:
-            return parse_lines(read_text(lines, LARGEST_TABLE), str(lines), LARGEST_TABLE)
+            text = read_text(lines, LARGEST_TABLE).replace("\r", "\n")  # the ends of lines that JSON knows
+            return [json.loads(line) for line in text.split("\n") if line.strip()]
         tables = [read_table(place) for place in self.tables(name)]
         return [row for one in tables for row in one.select([*filter(wanted, one.column_names)]).to_pylist()]
 
@@ -239,7 +240,7 @@ class MetaFolder:
     def tasks(self) -> dict[str, str]:
         """Task by its number; since version 3.0 its text is the index of pandas. Empty where they are damaged,
         and a `DataError` where they are not in UTF-8."""
-        found, damages = {}, (pa.ArrowException, OSError, DataError, JSONDecodeError, KeyError, TypeError)
+        found, damages = {}, (pa.ArrowException, OSError, DataError, json.JSONDecodeError, KeyError, TypeError)
         place, *words = self.path / "meta", "its tasks cannot be read", "write them again in UTF-8"
         with guarded(place, *words), suppress(*damages, RecursionError):
             for row in self.rows("tasks"):

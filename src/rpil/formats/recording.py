@@ -155,8 +155,8 @@ class Recording:
             layout, classes = replace(layout, action=np.dtype(np.float64), n_parts=1), np.empty(0)
         ends = found.low[:n], found.high[:n]
         data = Dataset(steps.ids, steps.offsets, steps.source, steps, layout, classes, *ends, options.memory)
-        if not options.allow_missing:
-            data.refuse_faulty(found.faulty)
+        for m in () if options.allow_missing else sorted(found.faulty):  # an error that names the value
+            replace(data, source=(steps.files(steps.offsets[m : m + 1]) or [steps.source])[0]).select([m])
         return data.select(slice(None)) if isinstance(steps.table, pa.Table) else data
 
 

@@ -22,7 +22,7 @@ from rpil.data.copies import RUN_KEY
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
 from rpil.data.id_values import check_ids, read_answers
-from rpil.data.memory import LARGEST_TABLE, parse, read_text
+from rpil.data.memory import LARGEST_TABLE, read_text
 from rpil.data.text import MAX_IDS, MAX_LISTED_NAMES, from_cell, listed, printable
 from rpil.formats import write_columns
 from rpil.results.judged import PROVENANCE_KEY
@@ -141,7 +141,7 @@ def read_verdicts(path: StrPath) -> Table:
     with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
         text = read_text(path, LARGEST_TABLE)
         if is_list:
-            kept: Any = parse(text, path.name, LARGEST_TABLE)
+            kept: Any = json.loads(text)
             if not isinstance(kept, dict) or not {"episodes", "rejected"} <= kept.keys():
                 remedy = "give that, the CSV of --verdicts, or labels"
                 raise DataError(f"{path.name}: it is not the list of rpil audit --keep; {remedy}.")
@@ -204,10 +204,8 @@ def write_verdicts(path: StrPath, audit: AuditResult, columns: Table) -> None:
     JSON holds a list of objects. Parquet has the run id and the provenance among its metadata too. A `DataError` where
     the path has another extension, or cannot be written.
     """
-    said = {RUN_KEY: audit.run_id}
-    if audit.provenance is not None:
-        said[PROVENANCE_KEY] = json.dumps(audit.provenance.to_dict())
-    write_columns(path, {**columns, "id": file_ids(audit.ids)}, "verdicts", said)
+    made = {PROVENANCE_KEY: json.dumps(audit.provenance)} if audit.provenance else {}
+    write_columns(path, {**columns, "id": file_ids(audit.ids)}, "verdicts", {RUN_KEY: audit.run_id, **made})
 
 
 def write_kept(path: StrPath, audit: AuditResult, choice: Choice) -> None:
@@ -217,7 +215,7 @@ def write_kept(path: StrPath, audit: AuditResult, choice: Choice) -> None:
     Ids are in the order of the data. Whole numbers are written as such: then the list is what LeRobot takes as the
     episodes of a data set. A `DataError` where the path has another extension, or cannot be written.
     """
-    made = {} if audit.provenance is None else {"provenance": audit.provenance.to_dict()}
+    made = {"provenance": audit.provenance} if audit.provenance else {}
     content = choice.to_dict() | {"run": audit.run_id} | made
     with replacing(check_extension(path, (".json",), "demonstrations to keep")) as temporary:
         temporary.write_text(json.dumps(content, allow_nan=False, indent=1) + "\n", encoding="utf-8")

@@ -241,7 +241,7 @@ class AuditResult(Judged):
                 | {"verdicts": self.verdict_counts(who.demonstrations)}
                 for who in self.demonstrators
             ],
-            **({} if self.provenance is None else {"provenance": self.provenance.to_dict()}),
+            **({"provenance": self.provenance} if self.provenance else {}),
         }
 
 

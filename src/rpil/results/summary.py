@@ -279,13 +279,9 @@ def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, 
     data = evidence.data
     name = data.action_name(j) if data.action_names else f"action part {j}" if data.space.n_parts > 1 else "action"
     its = f"at step {steps[own]}: {printable(name)} is"
-    is_at, first, last = _digits(value[own], low[own], high[own])
+    differences = [size for size in (high[own] - low[own], away[own]) if size > 0]
+    decimals = max(0, -math.floor(math.log10(min(differences))))  # the digits that tell the value and the band apart
+    numbers = (round(number, decimals) + 0.0 for number in (value[own], low[own], high[own]))  # no minus zero
+    is_at, first, last = (f"{number:.{decimals}f}" for number in numbers)
     band = first if first == last else f"{first} to {last}"
     return f"{its} {is_at}; others there have {band}"
-
-
-def _digits(value: float, low: float, high: float) -> tuple[str, ...]:
-    """A value outside a band and both ends of the band, with the digits that tell them apart."""
-    differences = [size for size in (high - low, max(low - value, value - high)) if size > 0]
-    decimals = max(0, -math.floor(math.log10(min(differences))))
-    return tuple(f"{round(number, decimals) + 0.0:.{decimals}f}" for number in (value, low, high))  # no minus zero

@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 from rpil.cli.questions.session import EpisodeVideos, Recorded, Session, choices, question_sentence
 from rpil.data.arrays import check_name
-from rpil.data.errors import DataError, MissingExtraError, optional
+from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.memory import Parsed
 from rpil.results.html.page import About, View, drawings, html_environment, make_view, render_page
 
@@ -55,11 +55,7 @@ class Gate:
     """The port of a server, and the token that who asks must show as a cookie or a header."""
 
     port: int
-    token: str
-
-    @classmethod
-    def new(cls, port: int) -> Gate:
-        return cls(port, token_urlsafe(32))
+    token: str = field(default_factory=token_urlsafe)  # of 32 bytes
 
     @property
     def url(self) -> str:
@@ -278,12 +274,6 @@ def _changed(review: Review, change: PageChange, body: bytes) -> tuple[View, int
             return review.state() | changed, 200
         except DataError as error:
             return {"error": error.in_shell}, 400
-
-
-def load_server() -> None:
-    """A `MissingExtraError` where the packages of the server are not installed."""
-    for name in ("starlette", "uvicorn"):
-        optional(name, "To review on a page", "review")
 
 
 def listen(port: int) -> socket.socket:

@@ -16,18 +16,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rpil.data import id_values
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import check_inside
-from rpil.data.id_values import (
-    CANNOT_TELL,
-    AnswerRow,
-    parse_answers,
-    read_answer_rows,
-    same_question,
-    with_new,
-    write_answers,
-)
+from rpil.data.id_values import AnswerRow
 from rpil.data.text import MAX_IDS, counted, listed, printable
 from rpil.formats.format import Dataset, Shot
 from rpil.formats.lerobot.video import load_av, picture
@@ -90,7 +83,7 @@ def rows_of(question: Question, key: str, note: str = "", *rows: int) -> list[An
     if relation := {"1": "better than", "2": "better than", "5": "same as"}.get(key):
         first, second = ids[::-1] if key == "2" else ids
         return [AnswerRow(first, f"{relation} {second}", note)]
-    word = {"g": "good", "3": "good", "b": "bad", "4": "bad", "u": CANNOT_TELL * bool(note)}.get(key)
+    word = {"g": "good", "3": "good", "b": "bad", "4": "bad", "u": id_values.CANNOT_TELL * bool(note)}.get(key)
     return [AnswerRow(name, word, note, *rows) for name in ids] if word else []
 
 
@@ -111,8 +104,8 @@ class Session:
         self.question = next_question(start, start, (), most)
         self._most, self._written = most, before
         ids = {*map(str, start.ids)}
-        rows = [] if before is None else read_answer_rows(path)
-        self.said = self._before = [row for row in rows if same_question(row.id, row.label) <= ids]
+        rows = [] if before is None else id_values.read_answer_rows(path)
+        self.said = self._before = [row for row in rows if id_values.same_question(row.id, row.label) <= ids]
 
     @property
     def is_as_written(self) -> bool:
@@ -140,8 +133,8 @@ class Session:
             by_question[row.question] = row
         audit, lines, rows = self.audit, list[str](), tuple(by_question.values())
         if rows != self.rows:
-            said = with_new(self._before, rows)
-            labels, pairs = parse_answers(said, "the answers") if rows else ({}, {})
+            said = id_values.with_new(self._before, rows)
+            labels, pairs = id_values.parse_answers(said, "the answers") if rows else ({}, {})
             marks = {(row.id, row.start, row.end): str(row.label) for row in said if row.is_mark} if rows else {}
             is_told = labels or pairs or marks
             audit = self.start.answered(labels | marks, pairs, instead=True) if is_told else self.start
@@ -159,7 +152,7 @@ class Session:
         if not self.is_as_written:
             raise DataError(f"{path}: another program has changed it; end this run, and start again.")
         if rows or self.before is not None:
-            write_answers(path, self.before, rows)
+            id_values.write_answers(path, self.before, rows)
             self._written = path.read_bytes()
         else:
             path.unlink(missing_ok=True)

@@ -21,24 +21,14 @@ from rpil.data.memory import Parsed, read_json
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, Shot
-from rpil.formats.lerobot.checked_folder import (
-    INFO,
-    PATHS,
-    STATS,
-    ByFeature,
-    CheckedFolder,
-    ColumnStatistics,
-    annotate,
-    find_defects,
-    find_shots,
-    joined_stats,
-)
+from rpil.formats.lerobot import checked_folder
+from rpil.formats.lerobot.checked_folder import ByFeature, CheckedFolder, ColumnStatistics
 from rpil.formats.metadata import cameras, chunk_size, fill
 from rpil.formats.parquet import keep_rows
 from rpil.numerics.types import Array
 
 _EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
-_DATA_PATH, _VIDEO_PATH = PATHS["v3.0"]
+_DATA_PATH, _VIDEO_PATH = checked_folder.PATHS["v3.0"]
 
 
 def claims(path: Path) -> bool:
@@ -53,7 +43,7 @@ def check_output(path: Path, output: Path) -> dict[str, Parsed]:
     if version != "v3.0":
         said = f"keep writes folders of LeRobot 3.0, and this one is of version {str(version)[:20]!r}"
         raise DataError(f"{path}: {said}; convert it by LeRobot first, or write the list with -o ids.json.")
-    with guarded(path / INFO):
+    with guarded(path / checked_folder.INFO):
         seen = cameras(info, "video")
         wrong = [name for name in seen if not re.fullmatch(r"\w[\w.-]*", name)]
         info["chunks_size"], fps = chunk_size(info) or 0, float(info["fps"])
@@ -173,10 +163,11 @@ def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> Non
         info |= {"total_episodes": n, "total_frames": kept.n_steps, "data_path": _DATA_PATH}
         info |= {"splits": {"train": f"0:{n}"}} | ({"video_path": _VIDEO_PATH} if seen else {})
         (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8")
-    with guarded(old.path / STATS):
-        if (place := output / STATS).is_file():  # the statistics of a feature that none has by episode stay
-            stats, common = read_json(place), set.intersection(*map(set, by_episode))
-            stats |= {name: joined_stats([own[name] for own in by_episode]) for name in stats if name in common}
+    with guarded(old.path / checked_folder.STATS):
+        if (place := output / checked_folder.STATS).is_file():  # statistics of a feature that none has by episode stay
+            stats = read_json(place)
+            for name in stats.keys() & set.intersection(*map(set, by_episode)):
+                stats[name] = checked_folder.joined_stats([own[name] for own in by_episode])
             place.write_text(json.dumps(stats, indent=4), encoding="utf-8")
 
 
@@ -187,7 +178,7 @@ FORMAT = Format(
     keep=keep,
     unkept=lambda _, options: "folder by other ids than its own" if options.id else "",
     check_output=check_output,
-    find_defects=find_defects,
-    annotate=annotate,
-    shots=find_shots,
+    find_defects=checked_folder.find_defects,
+    annotate=checked_folder.annotate,
+    shots=checked_folder.find_shots,
 )

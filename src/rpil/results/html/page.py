@@ -87,6 +87,12 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
     """
     order, n_review = looking_order(audit)
     places, counts = {name: m for m, name in enumerate(audit.ids)}, audit.verdict_counts()
+    labels, compared = (
+        audit.answers.labels.tolist(),
+        {"better than": audit.answers.pairs, "same as": audit.answers.tied},
+    )
+    answers = [[m, "good" if sign > 0 else "bad"] for m, sign in enumerate(labels) if sign]
+    answers += ([a, f"{word} {audit.ids[b]}"] for word, pairs in compared.items() for a, b in pairs.tolist())
     return {
         "run": audit.run_id,
         "probability": audit.vocabulary.probability,
@@ -95,7 +101,7 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         "question": audit.question or "",
         "pair": [places[name] for name in audit.pair] if audit.question else [],
         "contradicting": [places[name] for name in audit.contradicting],
-        "answers": _answers(audit),
+        "answers": answers,
         "demonstrations": _columns(audit, about),
         "whole_ids": all(isinstance(name, int) for name in audit.ids),
         "n_review": n_review,
@@ -106,7 +112,7 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         ],
         "fps": audit.fps,
         "lerobot": about.lerobot,
-        "provenance": {} if audit.provenance is None else audit.provenance.to_dict(),
+        "provenance": audit.provenance,
         "drawings": drawings(audit, order[:drawn]),
     }
 
@@ -121,14 +127,6 @@ def _segments(found: Segments | None, shown: Set[int]) -> dict[str, list[list[ob
             if m in shown or why:
                 of_each[str(m)].append([start, end, KINDS[kind], why])
     return of_each
-
-
-def _answers(audit: AuditResult) -> list[list[object]]:
-    """The labels and pairs that were given, as a file of labels has them."""
-    labels = audit.answers.labels
-    given = [[m, "good" if labels[m] > 0 else "bad"] for m in np.flatnonzero(labels).tolist()]
-    compared = {"better than": audit.answers.pairs, "same as": audit.answers.tied}
-    return given + [[a, f"{word} {audit.ids[b]}"] for word, pairs in compared.items() for a, b in pairs.tolist()]
 
 
 def _columns(audit: AuditResult, about: About) -> View:
