@@ -79,8 +79,8 @@ def audit(ctx: click.Context, /, file: str, all_rows: bool, form: str, fail_on: 
             find(file).check_annotate(outputs["annotate"])
         run = commands.judge(file, given, progress)
         recording, faults = run.recording, commands.look_for_faults(run.recording, progress, rules=given.without_faults)
-        run = replace(run, faults=faults, asked=commands.choice_asked(given, faults) if lists else None)
-        run = replace(run, idle=idle, pattern=pattern)
+        faulty = commands.faulty_ids(given, faults) if lists else frozenset[str]()
+        run = replace(run, faults=faults, faulty=faulty, idle=idle, pattern=pattern)
         said = commands.write_outputs(outputs, run, progress)
     result = run.audit
     if form == "json":

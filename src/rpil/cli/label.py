@@ -95,7 +95,8 @@ def last_lines(session: Session, audit: Sequence[str]) -> Iterator[str]:
 
 def ask(session: Session) -> None:
     """Ask until nothing is left, or the user ends it."""
-    from rpil.cli.questions.session import choices, contradiction_lines, count_asked, question_sentence
+    from rpil.cli.questions.session import choices, contradiction_lines, count_asked
+    from rpil.results.answering import question_sentence
 
     click.echo("To say why, write it after the key, as: b slips at 3 s")
     terminal.print_lines(contradiction_lines((), session.audit))
@@ -186,12 +187,11 @@ def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given:
     `BESIDE` that of the answers, which replace those of earlier reviews of the same data alone. The page gives the ids
     that are "spared" and the "rules" of faults that reject."""
     from rpil.formats.registry import find
-    from rpil.results.choice import Asked
 
     said = (given.get(name) for name in ("spared", "rules"))
     spared, rules = ({*map(str, one)} if isinstance(one, list) else set() for one in said)
     faulty = {str(fault.id) for fault in (run.faults.findings if run.faults else ()) if fault.rule in rules}
-    run = replace(run, audit=session.audit, asked=Asked(faulty=faulty, spared=spared))
+    run = replace(run, audit=session.audit, faulty=faulty, spared=spared)
     if not given.get("write"):
         places = {name: m for m, name in enumerate(run.audit.ids)}
         rejected = {rule: [places[name] for name in ids] for rule, ids in run.choice.rejected.items()}

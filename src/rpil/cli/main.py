@@ -141,9 +141,10 @@ def keep(file: str, output: str, share: float | None, verdicts: str | None, **op
         else:
             read = commands.open_recording(file, replace(given.columns, allow_missing=True), progress)
             table, named = verdicts_about(verdicts, read.demonstrations.ids, read.ids)
-        faults = commands.look_for_faults(read, progress, True, given.without_faults) if given.without_faults else None
-        asked = commands.choice_asked(given, faults, share)
-        choice = choose(table, asked)
+        faulty = set[str]()
+        if rules := given.without_faults:
+            faulty = commands.faulty_ids(given, commands.look_for_faults(read, progress, True, rules))
+        choice = choose(table, share, faulty)
         if not choice.kept:
             judged_by = f"the verdicts of {verdicts}" if verdicts else "the audit"
             remedy = f"{'choose with --share, or ' * ('log_odds' in table)}change labels"

@@ -181,7 +181,13 @@ def question(audit: Judged) -> str | None:
     after an answer, or if all scores are the same."""
     if audit.anchor != "none" or audit.answers.count or len(audit.pair) != 2:
         return None
-    return f"Which is better: {' or '.join(where_to_look(audit, name) for name in audit.pair)}?"
+    return question_sentence(audit, audit.pair)
+
+
+def question_sentence(audit: Judged, names: Sequence[Hashable]) -> str:
+    """The question about one or two demonstrations, with where to look; never what the audit thinks of them."""
+    where = " or ".join(where_to_look(audit, name) for name in names)
+    return f"Which is better: {where}?" if len(names) == 2 else f"Is it good or bad: {where}?"
 
 
 def where_to_look(audit: Judged, name: Hashable) -> str:

@@ -46,25 +46,12 @@ RULES_OF_VERDICTS = {"bad": "answers", "adversary": "adversary"}
 
 
 @dataclass(frozen=True)
-class Asked:
-    """Wishes of a user beside the verdicts of an audit."""
-
-    share: float | None = None
-    """Keep this share of the demonstrations, in (0, 1]; those with the largest log-odds."""
-    faulty: Set[str] = frozenset()
-    """Ids, as text, of the demonstrations with a fault that was named."""
-    spared: Set[str] = frozenset()
-    """Ids, as text, of those that are kept whatever speaks against them."""
-
-
-@dataclass(frozen=True)
 class Choice:
     """Which demonstrations are kept, in the order of the table."""
 
     kept: tuple[Id, ...]
     rejected: Mapping[str, tuple[Id, ...]]
     """The others by the rule that rejects them, one of `KEEP_RULES`; no rule without any."""
-    asked: Asked = Asked()
     failure: str = "outcome = 0"
     """How those failed that an outcome rejects: its column, and the value there."""
     notes: tuple[str, ...] = ()
@@ -95,37 +82,41 @@ def file_ids(ids: Sequence[Hashable]) -> list[Hashable]:
     return list(ids if all(isinstance(name, int) for name in ids) else map(str, ids))
 
 
-def choose(table: Table, asked: Asked = Asked()) -> Choice:
+def choose(
+    table: Table, share: float | None = None, faulty: Set[str] = frozenset(), spared: Set[str] = frozenset()
+) -> Choice:
     """Which demonstrations of a table of verdicts are kept.
 
-    Labels, outcomes of 0 and named faults come first, then a share, or where there is none the rules in the column
-    rejected_by, or the verdicts where there is no such column. A `DataError` where the table, which `AuditResult.table`
-    or `read_verdicts` gave, has no numbers to choose by, or a verdict is none of an audit.
+    Those that are `spared`, ids as text, are, whatever speaks against them. Of the others labels, outcomes of 0 and the
+    `faulty` ones come first, then a share in (0, 1] of those with the largest log-odds, or where there is none the
+    rules in the column rejected_by, or the verdicts where there is no such column. A `DataError` where the table, which
+    `AuditResult.table` or `read_verdicts` gave, has no numbers to choose by, or a verdict is none of an audit.
     """
     ids = cast(Sequence[Id], table["id"])
     labels, said = (table.get(name, [""] * len(ids)) for name in ("label", "said"))
     kept, rejected = list[Id](), {rule: list[Id]() for rule in KEEP_RULES}
-    failure, notes, known = Choice.failure, list[str](), zip(_by_audit(table), _below(table, asked), strict=True)
+    failure, notes, known = Choice.failure, list[str](), zip(_by_audit(table), _below(table, share), strict=True)
     for name, label, how, (by_audit, below) in zip(ids, labels, map(str, said), known, strict=True):
-        rule = "" if str(name) in asked.spared else _rule_of(str(name), label, by_audit, below, asked)
+        is_spared = str(name) in spared
+        rule = "" if is_spared else _rule_of(label, by_audit, below, str(name) in faulty)
         (rejected[rule] if rule else kept).append(name)
         if rule == "outcome":
             failure = how or failure
-        elif how.startswith(WORSE) and not (rule or label or str(name) in asked.spared) and below is None:
+        elif how.startswith(WORSE) and not (rule or label or is_spared) and below is None:
             notes.append(f"{printable(name)} is kept though you called it {printable(how)}: one answer more decides.")
     by_outcomes = "label" in table and not any(labels) and not any(str(how).startswith(WORSE) for how in said)
     of_rule = {rule: tuple(own) for rule, own in rejected.items() if own}
-    return Choice(tuple(kept), of_rule, asked, failure, tuple(notes), "the outcomes" if by_outcomes else Choice.told)
+    return Choice(tuple(kept), of_rule, failure, tuple(notes), "the outcomes" if by_outcomes else Choice.told)
 
 
-def _rule_of(name: str, label: object, rule: str, below: bool | None, asked: Asked) -> str:
-    """The rule that rejects the demonstration `name`, or nothing, by its label, the `rule` of its audit, and whether it
-    is `below` the share that is asked for, if one is."""
+def _rule_of(label: object, rule: str, below: bool | None, is_faulty: bool) -> str:
+    """The rule that rejects a demonstration, or nothing, by its label, the `rule` of its audit, and whether it is
+    `below` the share that is asked for, if one is."""
     if label == "bad":
         return "labels"
     if rule == "outcome" and label != "good":
         return rule
-    if name in asked.faulty:
+    if is_faulty:
         return "faults"
     if below is not None:
         return "threshold" * below
@@ -172,9 +163,9 @@ def verdicts_about(path: StrPath, ids: Sequence[Hashable], every: Sequence[Hasha
     return {**columns, "id": ids}, {*row}
 
 
-def _below(table: Table, asked: Asked) -> Sequence[bool | None]:
+def _below(table: Table, share: float | None) -> Sequence[bool | None]:
     """Whether each demonstration is below the share that is asked for; None where none is."""
-    if asked.share is None:
+    if share is None:
         return [None] * len(table["id"])
     try:
         values = np.array(cast(Sequence[float], table["log_odds"]), dtype=float)
@@ -184,7 +175,7 @@ def _below(table: Table, asked: Asked) -> Sequence[bool | None]:
         who = f"The verdicts have no number in log_odds for {listed(without, MAX_LISTED_NAMES)}"
         raise DataError(f"{who}; audit these too, or leave them out with --without.")
     ranks = np.argsort(np.argsort(-values, kind="stable"))
-    return [*map(bool, ranks >= max(round(asked.share * len(ranks)), 1))]
+    return [*map(bool, ranks >= max(round(share * len(ranks)), 1))]
 
 
 def _by_audit(table: Table) -> list[str]:

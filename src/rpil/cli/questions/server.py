@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from rpil.cli.questions.session import EpisodeVideos, Recorded, Session, choices, question_sentence
+from rpil.cli.questions.session import EpisodeVideos, Recorded, Session, choices
 from rpil.data.arrays import check_name
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.memory import Parsed
+from rpil.results.answering import question_sentence
 from rpil.results.html.page import About, View, drawings, html_environment, make_view, render_page
 
 if TYPE_CHECKING:

@@ -26,7 +26,6 @@ from rpil.formats.format import Dataset, Shot
 from rpil.formats.lerobot.video import load_av, picture
 from rpil.formats.registry import find_format
 from rpil.numerics.types import Array, Float
-from rpil.results.answering import where_to_look
 from rpil.results.html.page import View, packed, significant
 from rpil.results.judged import bin_means, bin_starts
 from rpil.results.vocabulary import in_numbers
@@ -157,12 +156,6 @@ class Session:
         else:
             path.unlink(missing_ok=True)
             self._written = None
-
-
-def question_sentence(audit: Audit, question: Question) -> str:
-    """The question in words, with where to look; never what the audit thinks of the demonstrations."""
-    where = " or ".join(where_to_look(audit, name) for name in question)
-    return f"Which is better: {where}?" if len(question) == 2 else f"Is it good or bad: {where}?"
 
 
 def change_lines(old: Audit, new: Audit) -> Iterator[str]:
