@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from rpil.cli.questions.session import Session
     from rpil.data.memory import Parsed
     from rpil.results.html.page import View
-    from rpil.results.record import Audit
 
 MAX_QUESTIONS = 8
 """Questions that one run asks at most."""
@@ -201,7 +200,12 @@ def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given:
     for path in filter(os.path.islink, beside.values()):
         raise DataError(f"{path}: it is a link, and no review writes where a link leads; remove it.")
     check_outputs((run.source, session.path, *run.recording.options.files), beside.values())
-    before = _run_of(beside["keep"], run.audit)
+    before = b""  # the run id in the list to keep, and in the other files, that a review of the same data wrote
+    with suppress(DataError, OSError, ValueError, LookupError, TypeError):
+        kept, made = read_json(Path(beside["keep"]), LARGEST_TABLE), run.audit.provenance
+        is_same = kept["provenance"]["files"][0]["path"] == made["files"][0]["path"]
+        if is_same and len(id_before := str(kept["run"])) == len(run.audit.run_id):  # a letter is in every file
+            before = id_before.encode()
     for path in beside.values():
         if os.path.exists(path) and not (before and before in Path(path).read_bytes()):
             raise DataError(f"{path}: it is there, and no review of these data wrote it; move it to another folder.")
@@ -211,13 +215,3 @@ def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given:
     new = f"{Path(run.source).stem}-kept{suffix}"
     command = [*command_words(ctx, "keep", WITHOUT), "--verdicts", beside["keep"], "-o", new]
     return {"files": beside, "lost": run.lost, "command": shlex.join(command)}
-
-
-def _run_of(path: str, audit: Audit) -> bytes:
-    """The run id in a list to keep that a review of the same data wrote, as in its other files; empty if it is none."""
-    with suppress(DataError, OSError, ValueError, LookupError, TypeError):
-        kept = read_json(Path(path), LARGEST_TABLE)
-        if kept["provenance"]["files"][0]["path"] == audit.provenance["files"][0]["path"]:
-            run = str(kept["run"])
-            return run.encode() if len(run) == len(audit.run_id) else b""  # a letter is in every file
-    return b""

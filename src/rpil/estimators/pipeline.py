@@ -22,7 +22,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.estimators.task import Task
 from rpil.inference.answers import check_copied_labels
-from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, HeldOutRidge, HeldOutSoftmax, held_out_model
+from rpil.inference.held_out import HeldOutPolicy, HeldOutRidge, HeldOutSoftmax, held_out_model
 from rpil.inference.parts import judged_parts
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trust import Judgement, judge, repeated
@@ -151,17 +151,6 @@ class FitOptions:
         check_squares([seen.min(axis=0), seen.max(axis=0)], what, demonstrations.observation_names)
         return FeatureMap.fit(kind, seen, offsets=offsets, settings=self.settings.selection.maps)
 
-    def linear_data(self, demonstrations: Demonstrations, data: FitData) -> FitData:
-        """The data of the judge, with features of a linear policy where the policy is the user's."""
-        if self.policy is None:
-            return data
-        seen, settings = demonstrations.observations, self.settings.selection.maps
-        if seen.shape[1] > MAX_COLUMNS:  # as of pictures
-            rng = np.random.default_rng(0)
-            seen = seen @ rng.normal(size=(seen.shape[1], MAX_COLUMNS)) / np.sqrt(seen.shape[1])
-        features = FeatureMap.fit("folded", seen, offsets=demonstrations.offsets, settings=settings)
-        return replace(data, features=features.design(seen))
-
     def judged(self, data: FitData) -> FitData:
         """The data with the parts of continuous actions that the judge sees; the user's policy needs all of them."""
         if self.policy is not None or not data.space.has_density:
@@ -215,13 +204,18 @@ def judge_by_options(
     demonstrations: Demonstrations, data: FitData, options: FitOptions, learns: bool
 ) -> tuple[Judgement, HeldOutSoftmax | HeldOutRidge]:
     """Judge demonstrations; also return the held-out linear policies, which find the part that a learner trusts."""
-    settings = options.settings.judge
-    linear = held_out_model(options.linear_data(demonstrations, data), settings.held_out)
-    with_prior = replace(settings, parts=replace(settings.parts, prior=options.settings.mixture.prior))
-    model: HeldOutModel = linear
+    settings, seen_linearly, model = options.settings.judge, data, None
     if options.policy is not None:
         model = HeldOutPolicy(data, options.cross_fitted(data.space, len(data.actions)), settings.held_out)
-    return judge(data, model, with_prior, options.progress, linear.data if learns else None), linear
+        seen, maps = demonstrations.observations, options.settings.selection.maps
+        if seen.shape[1] > MAX_COLUMNS:  # as of pictures
+            rng = np.random.default_rng(0)
+            seen = seen @ rng.normal(size=(seen.shape[1], MAX_COLUMNS)) / np.sqrt(seen.shape[1])
+        features = FeatureMap.fit("folded", seen, offsets=demonstrations.offsets, settings=maps)
+        seen_linearly = replace(data, features=features.design(seen))
+    linear = held_out_model(seen_linearly, settings.held_out)
+    with_prior = replace(settings, parts=replace(settings.parts, prior=options.settings.mixture.prior))
+    return judge(data, model or linear, with_prior, options.progress, linear.data if learns else None), linear
 
 
 def decided(

@@ -13,8 +13,8 @@ import math
 import re
 import warnings
 import zipfile
-from collections.abc import Container, Iterator, Mapping, Set
-from contextlib import contextmanager, suppress
+from collections.abc import Container, Mapping, Set
+from contextlib import suppress
 from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -144,17 +144,6 @@ class _FileArray:
             raise DataError(f"{where}: its chunks hold more than they declare; copy or write it again.")
 
 
-@contextmanager
-def _writing_errors() -> Iterator[None]:
-    """Raise an `OSError` with its number in place of the errors of h5py for a write that failed."""
-    try:
-        yield
-    except (OSError, RuntimeError) as error:
-        if failed := re.search(r"errno = (\d+)", str(error)):
-            raise OSError(int(failed[1]), "write failed") from error
-        raise
-
-
 def keep_groups(path: Path, output: Path, ids: Set[str]) -> None:
     """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others.
 
@@ -164,17 +153,22 @@ def keep_groups(path: Path, output: Path, ids: Set[str]) -> None:
 
     source, arrays = open_hdf5(path)
     within, found = arrays.groups()
-    with _writing_errors(), h5py.File(output, "w") as new:
-        dropped = found.keys() - ids
-        _copy(source, new, {"mask", within.strip("/")} if within else {"mask", *dropped})
-        if within:
-            _copy(source[within], new.create_group(within), dropped)
-        if "total" in (about := new[within or "/"].attrs):
-            about["total"] = sum(part.n_steps for name, part in found.items() if name in ids)
-        for key, one in arrays.arrays.items():
-            if key.startswith("mask/") and one.shape:
-                listed = [name for name in np.asarray(one[:]).tolist() if name.decode() in ids]
-                new[key] = np.array(listed, dtype="S")
+    try:
+        with h5py.File(output, "w") as new:
+            dropped = found.keys() - ids
+            _copy(source, new, {"mask", within.strip("/")} if within else {"mask", *dropped})
+            if within:
+                _copy(source[within], new.create_group(within), dropped)
+            if "total" in (about := new[within or "/"].attrs):
+                about["total"] = sum(part.n_steps for name, part in found.items() if name in ids)
+            for key, one in arrays.arrays.items():
+                if key.startswith("mask/") and one.shape:
+                    listed = [name for name in np.asarray(one[:]).tolist() if name.decode() in ids]
+                    new[key] = np.array(listed, dtype="S")
+    except (OSError, RuntimeError) as error:  # of h5py, for a write that failed
+        if failed := re.search(r"errno = (\d+)", str(error)):
+            raise OSError(int(failed[1]), "write failed") from error
+        raise
 
 
 def _copy(group: h5py.Group, new: h5py.Group, without: Container[str]) -> None:

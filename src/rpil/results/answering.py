@@ -164,18 +164,6 @@ def doubts_of_answers(found: Answered, known: Answers, contrast: bool) -> Iterat
             yield f"The {outcome} contradicts the other answers: less of it counts as better."
 
 
-def sentence_of(audit: Judged) -> str:
-    """How many answers there are, about different demonstrations."""
-    known = audit.answers.once(audit.copy_of)
-    counts = {
-        "labels": int(np.count_nonzero(known.labels)),
-        "pairs": len(known.compared),
-        "outcomes": int(np.isfinite(known.outcomes).sum()),
-    }
-    given = ", ".join(f"{count:,} {name if count > 1 else name[:-1]}" for name, count in counts.items() if count)
-    return f"P(good) is learned from {given or 'no answers'}, each of which may be wrong."
-
-
 def question(audit: Judged) -> str | None:
     """The question "which is better?" whose answer would say most, with the worst stretch of each to look at; None
     after an answer, or if all scores are the same."""

@@ -97,8 +97,16 @@ def choose(
     kept, rejected = list[Id](), {rule: list[Id]() for rule in KEEP_RULES}
     failure, notes, known = Choice.failure, list[str](), zip(_by_audit(table), _below(table, share), strict=True)
     for name, label, how, (by_audit, below) in zip(ids, labels, map(str, said), known, strict=True):
-        is_spared = str(name) in spared
-        rule = "" if is_spared else _rule_of(label, by_audit, below, str(name) in faulty)
+        is_spared, rule = str(name) in spared, "" if label else by_audit
+        if label == "bad":
+            rule = "labels"
+        elif by_audit == "outcome" and label != "good":
+            rule = by_audit
+        elif str(name) in faulty:
+            rule = "faults"
+        elif below is not None:
+            rule = "threshold" * below
+        rule = "" if is_spared else rule
         (rejected[rule] if rule else kept).append(name)
         if rule == "outcome":
             failure = how or failure
@@ -107,20 +115,6 @@ def choose(
     by_outcomes = "label" in table and not any(labels) and not any(str(how).startswith(WORSE) for how in said)
     of_rule = {rule: tuple(own) for rule, own in rejected.items() if own}
     return Choice(tuple(kept), of_rule, failure, tuple(notes), "the outcomes" if by_outcomes else Choice.told)
-
-
-def _rule_of(label: object, rule: str, below: bool | None, is_faulty: bool) -> str:
-    """The rule that rejects a demonstration, or nothing, by its label, the `rule` of its audit, and whether it is
-    `below` the share that is asked for, if one is."""
-    if label == "bad":
-        return "labels"
-    if rule == "outcome" and label != "good":
-        return rule
-    if is_faulty:
-        return "faults"
-    if below is not None:
-        return "threshold" * below
-    return "" if label else rule
 
 
 def read_verdicts(path: StrPath) -> Table:

@@ -141,14 +141,13 @@ class AuditResult(Judged):
     @property
     def assumptions(self) -> tuple[str, ...]:
         """Sentences: how it was judged, the finding, what the probability means, and from what it is learned."""
-        by_answers = self.anchor == "answers"
-        return (
-            *self.method,
-            FINDINGS[self.finding],
-            self.vocabulary.explanation,
-            answering.sentence_of(self) if by_answers else "Lengths and rewards were not used.",
-            *[WHOLE] * (self.anchor == "named adversary"),
-        )
+        known, learned = self.answers.once(self.copy_of), "Lengths and rewards were not used."
+        if self.anchor == "answers":
+            counts = np.count_nonzero(known.labels), len(known.compared), np.isfinite(known.outcomes).sum()
+            given = ", ".join(counted(n, m) for n, m in zip(counts, ("label", "pair", "outcome"), strict=True) if n)
+            learned = f"P(good) is learned from {given or 'no answers'}, each of which may be wrong."
+        whole = [WHOLE] * (self.anchor == "named adversary")
+        return *self.method, FINDINGS[self.finding], self.vocabulary.explanation, learned, *whole
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
         """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""

@@ -248,19 +248,12 @@ def deviations(audit: Audit, evidence: StepEvidence, classes: Array) -> tuple[st
         rows = data.offsets[place] + steps
         if data.space.kind != "discrete":
             phrases.append(_far_part(evidence, rows, steps))
-        else:
-            phrases.append(_other_action(classes[data.actions[rows]], evidence.value[rows, 0]))
+            continue
+        unlikely = evidence.value[rows, 0] < 0.5  # by the policy of the rest
+        (own, count), *_ = *Counter(classes[data.actions[rows[unlikely]]].tolist()).most_common(1), (None, 0)
+        often, share = count >= MIN_SHARE * len(rows), f"{count} of its {len(rows)} worst steps"
+        phrases.append(f"it takes action {printable(own)} where others mostly take another ({share})" if often else "")
     return tuple(phrases)
-
-
-def _other_action(taken: Array, proba: Float[Array, " R"]) -> str:
-    """The most frequent of the actions taken whose probability by the policy of the rest is below 1/2."""
-    found = Counter(taken[proba < 0.5].tolist()).most_common(1)
-    if not found or found[0][1] < MIN_SHARE * len(taken):
-        return ""
-    own, count = found[0]
-    share = f"{count} of its {len(taken)} worst steps"
-    return f"it takes action {printable(own)} where others mostly take another ({share})"
 
 
 def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, " R"]) -> str:
