@@ -108,8 +108,7 @@ def closing_lines(ctx: click.Context, audit: Audit) -> list[str]:
     """The next step, with the command to run then; nothing if the user wants it quiet."""
     if ctx.params["quiet"]:
         return []
-    labels = ctx.params["labels"] or LABELS_FILE
-    return ["", *next_steps(audit, labels, command_words(ctx, str(ctx.info_name)))]
+    return ["", *next_steps(audit, ctx.params["labels"] or LABELS_FILE, command_words(ctx, str(ctx.info_name)))]
 
 
 MAX_LINES, MIN_ROWS, MAX_ROWS = 25, 2, 8

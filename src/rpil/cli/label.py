@@ -165,8 +165,7 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
                 run = replace(run, faults=commands.look_for_faults(run.recording, progress))
                 progress("looking for videos")
                 # By another column of ids, no demonstration is an episode that videos are named after.
-                ids = () if run.recording.options.id else run.audit.ids
-                videos = EpisodeVideos.of(run.source, ids, run.audit.fps)
+                videos = EpisodeVideos.of(run.source, () if run.recording.options.id else run.audit.ids, run.audit.fps)
             finish = partial(_finish, ctx, run, session)
             shown = Review(session, commands.about(run), videos, finish, run.recording.demonstrations)
         gate = Gate(listening.getsockname()[1])

@@ -73,10 +73,9 @@ def info(ctx: click.Context, /, file: str, form: str, table: bool, **options: An
         print_lines(recording.description.lines())
     recording.demonstrations  # noqa: B018  # what cannot be audited is an error
     if form == "text":
-        words = command_words(ctx, "audit", without=("memory",))
         operator = recording.description.operator_column
         more = ["--operator", operator] if operator and columns.operator is None else []
-        click.echo(f"\nNext: {shlex.join([*words, *more])}")
+        click.echo(f"\nNext: {shlex.join([*command_words(ctx, 'audit', without=('memory',)), *more])}")
 
 
 @main.command()
@@ -198,8 +197,7 @@ def convert(file: str, output: str, ranges: str | None, quiet: bool, **options: 
         progress(f"writing {output}")
         formats.write(output, demonstrations, truth)
     commands.tell_of_set_aside(recording)
-    n = len(demonstrations)
-    size = f"{counted(n, 'demonstration')}, {demonstrations.n_steps:,} steps"
+    size = f"{counted(len(demonstrations), 'demonstration')}, {demonstrations.n_steps:,} steps"
     click.echo(f"{size}: {output}")
 
 

@@ -204,8 +204,7 @@ def read_arrays(archive: zipfile.ZipFile, members: Sequence[str], where: str) ->
     check_memory(n_bytes, where)
     for member in members:
         with archive.open(member) as stream:
-            array = npy.read_array(stream, allow_pickle=False)
-            arrays.append(as_array(array, f"the values of {member!r}", where))
+            arrays.append(as_array(npy.read_array(stream, allow_pickle=False), f"the values of {member!r}", where))
     return arrays
 
 
@@ -265,14 +264,13 @@ def check_settings(settings: Any, **intervals: str) -> None:
     """
     for field in fields(settings):
         value, default = getattr(settings, field.name), field.default
-        several = isinstance(default, tuple)
         kind, numbers = (type(default[0]), value) if isinstance(default, tuple) else (type(default), (value,))
         if kind not in (int, float) or (value is None and "None" in str(field.type)):
             continue
         interval = intervals.get(field.name, "[1, inf)" if kind is int else "(0, inf)")
         if not isinstance(numbers, tuple) or not numbers or not all(_is_in(x, interval, kind) for x in numbers):
             noun = "whole number" if kind is int else "number"
-            must = f"a tuple of {noun}s, each" if several else f"a {noun}"
+            must = f"a tuple of {noun}s, each" if isinstance(default, tuple) else f"a {noun}"
             raise DataError(f"{type(settings).__name__}: {field.name}={value!r} must be {must} in {interval}.")
 
 

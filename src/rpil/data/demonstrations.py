@@ -238,8 +238,7 @@ class Demonstrations(DemonstrationSet):
         if rows is not None:
             X, y = X[rows], y[rows]
         names = arrays.as_names(observation_names, source)
-        ids = tuple(values[chosen].tolist())
-        return cls(X, y, offsets, ids, names, source, action_kind)
+        return cls(X, y, offsets, tuple(values[chosen].tolist()), names, source, action_kind)
 
     @property
     def n_actions(self) -> int:

@@ -58,11 +58,9 @@ class Selection:
 
 def fit_selected(data: FitData, policy: LinearPolicy, selected: Array, tol: float) -> Selection:
     """Fit the policy to the `selected` (M,) demonstrations, each weighted as one of average length."""
-    weight = selected * data.lengths.mean() / data.lengths
-    subset = data.select(np.flatnonzero(selected))
+    weight, subset = selected * data.lengths.mean() / data.lengths, data.select(np.flatnonzero(selected))
     policy, _ = policy.fit(subset, subset.per_step(weight[selected]), tol=tol)
-    log_prob = policy.log_prob(policy.outputs(data.features), data.actions)
-    log_likelihood = data.sum_steps(log_prob) / data.lengths
+    log_likelihood = data.sum_steps(policy.log_prob(policy.outputs(data.features), data.actions)) / data.lengths
     penalty = policy.penalty() / data.lengths.mean()
     objective = (penalty - log_likelihood[selected].sum()) / selected.sum()
     return Selection(policy, log_likelihood, selected, float(objective), n_fits=1, converged=False)
@@ -99,8 +97,7 @@ def search(
     """The best selection from starts with policies fitted to the `subsets` (M,)."""
 
     def begin(subset: Array) -> Selection:
-        start = fit_selected(data, policy, subset, START_TOL)
-        return concentrate(data, start, n_trusted, START_TOL, START_STEPS)
+        return concentrate(data, fit_selected(data, policy, subset, START_TOL), n_trusted, START_TOL, START_STEPS)
 
     def go_on(start: Selection) -> Selection:
         return concentrate(data, fit_selected(data, start.policy, start.selected, tol), n_trusted, tol, max_iter)

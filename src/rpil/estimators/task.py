@@ -101,8 +101,7 @@ class Task:
             alone = f"all steps are of demonstration {source.ids[0]!r:.40}, and one demonstration alone (1 sample)"
             raise DataError(f"{source.source}: {alone} cannot be compared; give at least two.")
         groups = fit_data.group_by_demonstrator(demonstrators, source)
-        nothing = Answers.none(len(source.ids))
-        answers = answers or nothing
+        answers = answers or Answers.none(len(source.ids))
         flag = answers.only_flag
         telling = [k for k, one in enumerate(answers.outcomes.T) if fit_data.tells(one) or (k == flag and 0 in one)]
         names = tuple(name for k, name in enumerate(answers.names) if k in telling)

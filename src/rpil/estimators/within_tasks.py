@@ -321,6 +321,5 @@ def audit_recording(
     The `path` of the recording, where it has one, the `command` and other `files` say where the audit comes from.
     """
     audit, _ = fit_within_tasks(recording, stated, options, keeps_policy=False)
-    changed = changed_settings(options.settings, Settings())
-    made = provenance_of(command, options.random_state, changed, (path, *files))
+    made = provenance_of(command, options.random_state, changed_settings(options.settings, Settings()), (path, *files))
     return replace(audit, provenance=made, fps=recording.description.fps or recording.times().fps)

@@ -163,8 +163,7 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> Step
         lengths |= {name: int(stated)} if isinstance(stated, int | np.integer) else {}
     fps = float(rate) if isinstance(rate, int | float) and math.isfinite(rate) and rate > 0 else None
     name = f"{these.kind} of robomimic's layout" if within else f"{these.kind}, a group for each demonstration"
-    metadata = Metadata(fps=fps, lengths=lengths)
-    return from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes)
+    return from_parts(parts, _GROUP_NAME, these.source, name, options, Metadata(fps=fps, lengths=lengths), notes)
 
 
 def _said(attributes: Mapping[str, object], what: str) -> object:
@@ -218,8 +217,7 @@ def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> Non
     }
     if cut.by_marks and not (these.names["starts"] or these.names["cuts"]):
         is_last = np.append(cut.ids[1:] != cut.ids[:-1], True)
-        timeouts = is_last & ~these.flags(these.names["terminals"], is_last.shape)
-        kept_arrays[ROLES["cuts"][0]] = timeouts[rows]
+        kept_arrays[ROLES["cuts"][0]] = (is_last & ~these.flags(these.names["terminals"], is_last.shape))[rows]
     write_npz(output, {**arrays, **kept_arrays})
 
 
@@ -231,8 +229,7 @@ def unkept(path: Path, options: ColumnOptions) -> str:
     has_groups, is_hdf5 = bool(arrays.groups()[1]), _is_hdf5(path)
     if is_hdf5 and has_groups and options.id:
         return "groups by other ids than their names"
-    is_kept = has_groups if is_hdf5 else not has_groups and not arrays.is_stacked
-    return "" if is_kept else "arrays of this layout"
+    return "" if (has_groups if is_hdf5 else not has_groups and not arrays.is_stacked) else "arrays of this layout"
 
 
 FORMAT = Format("arrays", claims, read, keep, unkept, suffixes=(*_NPZ, *_HDF5, ZIP), write=write)

@@ -90,8 +90,7 @@ class _Search:
         options = self.options
         asked = self.matching(options.observations, "observations")
         actions = self.matching(options.action, "action")
-        roles = "order", "operator", "task"
-        named = ((role, getattr(options, role)) for role in roles)
+        named = ((role, getattr(options, role)) for role in ("order", "operator", "task"))
         order, operator, task = (self.one(None if name in options.files else name, role) for role, name in named)
         given: set[str | None] = {*asked, *actions, order, operator, task}
         episode, other_ids = self.episode(given, default_id)
@@ -179,8 +178,7 @@ class _Search:
                 self.ignored.setdefault(name, why)
         free = [name for name in self.free if name not in self.ignored]
         if not free:
-            what = "holds observations: name them observation.*, or name the columns"
-            raise self.no_column(what, "observations")
+            raise self.no_column("holds observations: name them observation.*, or name the columns", "observations")
         named = [name for name in free if spellings.OBSERVATION.fullmatch(self.plain[name])]
         if not named:
             named = [name for name in free if spellings.STATE.fullmatch(self.plain[name])]

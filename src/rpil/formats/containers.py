@@ -58,8 +58,7 @@ def open_hdf5(path: Path, options: ColumnOptions = ColumnOptions()) -> tuple[h5p
     is damaged, a `MissingExtraError` without h5py.
     """
     h5py, kinds = optional("h5py", f"{path.name} is HDF5, which", "hdf5"), dict[bytes, int]()
-    fault = "no HDF5 file, or a damaged one", "copy or write it again"
-    with guarded(path.name, *fault):
+    with guarded(path.name, "no HDF5 file, or a damaged one", "copy or write it again"):
         file = h5py.File(check_readable(path), "r")
         file.id.links.visit(lambda place, link: kinds.update({place: link.type}), info=True)
         is_hard = {m.decode("utf-8", "surrogateescape"): kind == h5py.h5l.TYPE_HARD for m, kind in kinds.items()}
@@ -262,9 +261,8 @@ def _check_chunks(array: zarr.Array, chunks: tuple[int, ...], files: Mapping[str
     places = np.ndindex(*grid) if (n_chunks := math.prod(grid)) <= len(files) else ()
     found = [files[key] for at in places if (key := array.metadata.encode_chunk_key(at)) in files]
     if n_chunks > len(found):
-        fault = f"{n_chunks - len(found):,} of its {n_chunks:,} chunks are not there"
         remedy = "copy it again, or write it with zarr.config.set({'array.write_empty_chunks': True})"
-        raise DataError(f"{where}: {fault}; {remedy}.")
+        raise DataError(f"{where}: {n_chunks - len(found):,} of its {n_chunks:,} chunks are not there; {remedy}.")
     most = 8 * array.dtype.itemsize * math.prod(chunks) + 4096 * (math.prod(chunks) // math.prod(array.chunks))
     if array.dtype.kind != "T" and max(found, default=0) > most:
         raise DataError(f"{where}: {'; '.join(_DAMAGED_CHUNK)}.")

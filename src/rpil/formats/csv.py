@@ -169,8 +169,7 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
     with _parsing(file), file.path.open("rb") as text:
         content = text.read(_CHUNK)
         content = content[: content.find(b"\n", _HEAD_BYTES) + 1] or content  # whole lines
-        options_of_head = _options(file, len(content) + 1)
-        with pa.csv.open_csv(pa.BufferReader(content), *options_of_head) as reader:
+        with pa.csv.open_csv(pa.BufferReader(content), *_options(file, len(content) + 1)) as reader:
             first = reader.read_all()  # one block: a reader that has not seen the end may outlive Python, and abort
         kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS))
     if not len(first) and default_id is None:
@@ -249,8 +248,7 @@ def _tables(
         options = _options(file, _BLOCK_BYTES, include_columns=names, strings_can_be_null=False, column_types=types)
         with _parsing(file), file.path.open("rb") as text:
             if columns.options.on_disk:
-                batches = pa.csv.open_csv(text, *options)
-                found = (pa.Table.from_batches([batch]) for batch in batches)
+                found = (pa.Table.from_batches([batch]) for batch in pa.csv.open_csv(text, *options))
             else:
                 found = (table for table in [pa.csv.read_csv(text, *options)])
             for table in found:

@@ -65,8 +65,7 @@ def from_arrow(
     lists = flat.parts_of_lists(table, {})
     kinds |= {name: "nested" for name, kind in kinds.items() if kind == "list" and name not in lists}
     columns = find_columns(table.column_names, kinds, source, options, default_id, lists)
-    every = chain([table], waiting)
-    chosen = (flat.flattened(one.select(columns.stored), lists, columns.all) for one in every)
+    chosen = (flat.flattened(one.select(columns.stored), lists, columns.all) for one in chain([table], waiting))
     return StepTables(chosen, columns, source, format_name)
 
 
@@ -75,8 +74,7 @@ def plain_columns(table: pa.Table) -> pa.Table:
     while any(map(pa.types.is_struct, table.schema.types)):
         table = table.flatten()
     for k, one in enumerate(table.schema):
-        kind = flat.plain_type(one.type)
-        if pa.types.is_string_view(kind):
+        if pa.types.is_string_view(flat.plain_type(one.type)):
             table = table.set_column(k, one.name, table[k].cast(pa.string()))
     return table
 
@@ -300,11 +298,10 @@ class Dataset(DemonstrationSet):
         check_any(len(chosen), self.source)
         offsets = np.concatenate([[0], np.cumsum(self.lengths[chosen])])
         check_memory(self.nbytes * offsets[-1] / self.n_steps, self.source, self.memory)
-        ids = tuple(self.ids[m] for m in chosen.tolist())
         observations, actions = self.layout.empty(int(offsets[-1]))
         heads = np.flatnonzero(np.diff(chosen, prepend=-2) != 1)  # of runs of consecutive demonstrations
         for a, b, head in zip(offsets[heads], offsets[[*heads[1:], len(chosen)]], chosen[heads], strict=True):
             self.layout.write(self.steps, int(self.offsets[head]), observations[a:b], actions[a:b])
         kind: ActionKind = "discrete" if self.is_discrete else "continuous"
         names = self.observation_names, self.source, kind, self.action_names, self.layout.allows_missing
-        return Demonstrations(observations, actions, offsets, ids, *names)
+        return Demonstrations(observations, actions, offsets, tuple(self.ids[m] for m in chosen.tolist()), *names)

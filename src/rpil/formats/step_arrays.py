@@ -123,12 +123,11 @@ def from_parts(
         about = {m: np.repeat(np.array([part.about[m] for part, _ in pieces]), lengths) for m in whole}
         return flat.flattened(pa.table(values | about), columns.lists, columns.all)
 
-    tables = map(table_of, _batches(parts))
     if longer := [name for name in steps if any(part.arrays[name].shape[0] > part.n_steps for part in parts)]:
         notes = (*notes, f"The last value of {commas(longer)}, which comes after the last action, is left out.")
     if empty:
         notes = (*notes, f"Left out, because they have no steps: {commas(empty)}.")
-    return StepTables(tables, columns, source, format_name, metadata=metadata, notes=notes)
+    return StepTables(map(table_of, _batches(parts)), columns, source, format_name, metadata=metadata, notes=notes)
 
 
 def _kinds(part: Part) -> dict[str, Kind]:

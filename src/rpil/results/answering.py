@@ -64,7 +64,6 @@ def with_answers(audit: A, known: Answers) -> A:
     from_demonstrator, trust = trust_by_demonstrator(who, found.log_odds, said, audit.copy_of, prior)
     log_odds = audit.from_actions + from_demonstrator + from_label
     verdicts = found.verdicts * (np.sign(log_odds) == found.verdicts)  # a demonstrator withdraws some, and gives none
-    proba = shown_proba(log_odds, verdicts, "answered", audit.settings.min_proba("answers"))
     is_decided = known.once(audit.copy_of).contrast  # until then those that were outliers without answers stay so
     stays = np.where(found.verdicts == 0, audit.claimed, 0) * (not is_decided)
     answered = replace(
@@ -74,7 +73,7 @@ def with_answers(audit: A, known: Answers) -> A:
         log_odds=log_odds,
         from_demonstrator=from_demonstrator,
         from_label=from_label,
-        expert_proba=proba,
+        expert_proba=shown_proba(log_odds, verdicts, "answered", audit.settings.min_proba("answers")),
         verdicts=verdicts_of(verdicts, "answers", stays),
         prior=Interval(*expert_share_interval(expit(log_odds), 1.0)),
         identifiable=audit.identifiable or is_decided,
@@ -221,8 +220,7 @@ def suggest_labels(audit: Judged, k: int = 3) -> tuple[Hashable, ...]:
         raise DataError(f"k={k!r} labels cannot be suggested; ask for one at least.")
     first = np.unique(audit.copy_of, return_index=True)[1]
     known, settings = audit.answers.once(audit.copy_of), audit.settings.judge.answers
-    n_answers = int(np.count_nonzero(known.labels))
-    chosen = places_to_ask(audit.from_actions[first], known.said != 0, n_answers, settings, k)
+    chosen = places_to_ask(audit.from_actions[first], known.said != 0, int(np.count_nonzero(known.labels)), settings, k)
     return tuple(audit.ids[m] for m in first[chosen].tolist())
 
 

@@ -122,10 +122,9 @@ def read_verdicts(path: StrPath) -> Table:
     demonstrations to keep that an audit or a review wrote, with the rules that reject the others. A `DataError` where
     the file cannot be read as such."""
     path = check_readable(check_extension(path, (".csv", ".json"), "verdicts"))
-    is_list = path.suffix.lower() == ".json"
     with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
         text = read_text(path, LARGEST_TABLE)
-        if is_list:
+        if path.suffix.lower() == ".json":
             kept: Any = json.loads(text)
             if not isinstance(kept, dict) or not {"episodes", "rejected"} <= kept.keys():
                 remedy = "give that, the CSV of --verdicts, or labels"

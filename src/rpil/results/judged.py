@@ -38,9 +38,8 @@ def provenance_of(
 ) -> dict[str, object]:
     """How a result was made, for JSON: `settings` are those that are not the defaults, `files` the data and then other
     files, where given."""
-    found = [digest(path) for path in files if path is not None]
     made = {"rpil": rpil_version(), "command": for_others(command), "seed": seed}
-    return made | {"settings": settings, "files": found}
+    return made | {"settings": settings, "files": [digest(path) for path in files if path is not None]}
 
 
 def changed_settings(given: object, default: object, name: str = "") -> dict[str, object]:

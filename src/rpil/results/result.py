@@ -130,8 +130,7 @@ class AuditResult(Judged):
         DataError
             If an id or a label is unknown, answers contradict each other, or none is left.
         """
-        had = replace(self, answers=self.answers.unsaid) if instead else self
-        known = answering.merged(had, labels or {}, pairs)
+        known = answering.merged(replace(self, answers=self.answers.unsaid) if instead else self, labels or {}, pairs)
         if not known.count and self.anchor == "answers":
             raise DataError(
                 "No answer would be left; take the audit before answered(), or call rpil.audit without any."
@@ -152,8 +151,7 @@ class AuditResult(Judged):
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
         """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""
         ratio = self.step_log_ratio[self.steps(index)]
-        worst = np.argsort(ratio, kind="stable")[:k]
-        return [int(n) for n in worst if ratio[n] < 0]
+        return [int(n) for n in np.argsort(ratio, kind="stable")[:k] if ratio[n] < 0]
 
     def step_trust(self, index: int) -> Float[Array, " n"]:
         """P(the `NEAR` steps around each step of demonstration `index` are like those of the trusted), all alike."""

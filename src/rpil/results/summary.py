@@ -56,7 +56,6 @@ def audit_from_judgement(
     """The audit of the judge, of demonstrations that are called `ids`, and with these answers, if there are any."""
     claims, log_odds = judgement.claims, judgement.log_odds
     none, groups = np.zeros(len(ids)), claims.groups
-    share = expert_share_interval(expit(log_odds), judgement.scores.groups.p_two)
     audit = Audit(
         ids=tuple(ids),
         offsets=np.asarray(data.offsets, dtype=np.int64),
@@ -70,7 +69,7 @@ def audit_from_judgement(
         verdicts=verdicts_of(claims.verdicts, "none"),
         step_log_ratio=judgement.log_ratio,
         step_weight=np.ones(len(judgement.log_ratio)),
-        prior=Interval(*share),
+        prior=Interval(*expert_share_interval(expit(log_odds), judgement.scores.groups.p_two)),
         identifiable=groups is None,
         competing=() if groups is None else tuple(tuple(ids[m] for m in group) for group in groups),
         pair=() if judgement.pair is None else tuple(ids[m] for m in judgement.pair),

@@ -26,7 +26,7 @@ from rpil.formats.format import Dataset, Shot
 from rpil.formats.lerobot.video import load_av, picture
 from rpil.formats.registry import find_format
 from rpil.numerics.types import Array, Float
-from rpil.results.html.page import View, packed, significant
+from rpil.results.html.page import View, packed
 from rpil.results.judged import bin_means, bin_starts
 from rpil.results.vocabulary import in_numbers
 
@@ -72,8 +72,7 @@ def next_question(start: Audit, audit: Audit, given: Sequence[Reply], most: int 
     if start.question is not None and not any(len(question) == 2 and key not in "gb" for question, key, *_ in given):
         return start.pair
     passed = {question[0] for question, key, *_ in given if len(question) == 1 and key in "us"}
-    suggested = audit.suggest_labels(len(passed) + 1)
-    return tuple(name for name in suggested if name not in passed)[:1]
+    return tuple(name for name in audit.suggest_labels(len(passed) + 1) if name not in passed)[:1]
 
 
 def rows_of(question: Question, key: str, note: str = "", *rows: int) -> list[AnswerRow]:
@@ -208,7 +207,7 @@ class Recorded:
         with np.errstate(all="ignore"):  # of the largest numbers it may be infinite, which JSON is not
             spread = [float(np.nan_to_num(self._values(some, k).std())) for k in range(len(names))]
         return [
-            {"name": printable(name), "is_action": k < len(actions), "spread": significant(spread[k])}
+            {"name": printable(name), "is_action": k < len(actions), "spread": float(f"{spread[k]:.6g}")}
             | {"classes": [printable(one) for one in data.classes.tolist()] if k < len(actions) else []}
             for k, name in enumerate(names)
         ]

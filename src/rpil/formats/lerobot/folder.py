@@ -44,8 +44,7 @@ def check_output(path: Path, output: Path) -> dict[str, Parsed]:
         said = f"keep writes folders of LeRobot 3.0, and this one is of version {str(version)[:20]!r}"
         raise DataError(f"{path}: {said}; convert it by LeRobot first, or write the list with -o ids.json.")
     with guarded(path / checked_folder.INFO):
-        seen = cameras(info, "video")
-        wrong = [name for name in seen if not re.fullmatch(r"\w[\w.-]*", name)]
+        wrong = [name for name in cameras(info, "video") if not re.fullmatch(r"\w[\w.-]*", name)]
         info["chunks_size"], fps = chunk_size(info) or 0, float(info["fps"])
         info["fps"] = int(fps) if fps.is_integer() else fps
         if wrong:
@@ -156,8 +155,7 @@ def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> Non
     copy_folder(old.path / "meta", meta, without=("episodes", "info.json"))
     for n, file in enumerate(old.data_files(ids)):
         kept.place = divmod(n, kept.n_in_chunk)
-        by_episode_index = ColumnOptions(id="episode_index")
-        keep_rows(file, kept.target(_DATA_PATH, kept.place), ids, by_episode_index, kept.renumbered)
+        keep_rows(file, kept.target(_DATA_PATH, kept.place), ids, ColumnOptions(id="episode_index"), kept.renumbered)
     with guarded(old.path / "meta" / "episodes"):
         by_episode, n = kept.write_episodes(seen), len(kept.numbers)
         info |= {"total_episodes": n, "total_frames": kept.n_steps, "data_path": _DATA_PATH}

@@ -193,12 +193,7 @@ def packed(curves: dict[str, Array], limits: tuple[float, float] | None = None) 
     scaled = LEVELS * (values - low) / (high - low or 1.0)
     codes = np.where(np.isfinite(values), np.clip(np.nan_to_num(scaled), 0, LEVELS).round(), NO_VALUE)
     texts = [base64.b64encode(one.tobytes()).decode() for one in codes.astype(np.uint8)]
-    return {"from": significant(low), "to": significant(high), **dict(zip(curves, texts, strict=True))}
-
-
-def significant(value: float) -> float:
-    """A number with six significant digits."""
-    return float(f"{value:.6g}")
+    return {"from": float(f"{low:.6g}"), "to": float(f"{high:.6g}"), **dict(zip(curves, texts, strict=True))}
 
 
 Sections = Sequence[tuple[str, str | Markup]]
