@@ -201,7 +201,7 @@ def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given:
     check_outputs((run.source, session.path, *run.recording.options.files), beside.values())
     before = b""  # the run id in the list to keep, and in the other files, that a review of the same data wrote
     with suppress(DataError, OSError, ValueError, LookupError, TypeError):
-        kept, made = read_json(Path(beside["keep"]), LARGEST_TABLE), run.audit.provenance
+        kept, made = read_json(Path(beside["keep"]), LARGEST_TABLE), run.audit.provenance or {}
         is_same = kept["provenance"]["files"][0]["path"] == made["files"][0]["path"]
         if is_same and len(id_before := str(kept["run"])) == len(run.audit.run_id):  # a letter is in every file
             before = id_before.encode()

@@ -191,7 +191,14 @@ class RMEnt(PolicyEstimator):
         demonstrations = as_demonstrations(self, X, y, groups)
         task = Task.of(demonstrations)
         space, self.space_, self.classes_ = task.space, task.space, task.classes
-        n_trusted = self._number_trusted(len(demonstrations), demonstrations.source)
+        given, n = self.n_trusted, len(demonstrations)
+        if isinstance(given, float | np.floating) and 0 < given < 1:
+            given = ceil(round(given * n, 9))  # .28 of 25 is 7, whatever floating point says
+        if not isinstance(given, int | np.integer) or not 1 <= given <= n:
+            wrong = f"n_trusted={given!r} of {n} demonstrations"
+            remedy = f"give a whole number from 1 to {n}, or a share between 0 and 1"
+            raise DataError(f"{demonstrations.source}: {wrong}; {remedy}.")
+        n_trusted = int(given)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             equal = (1.0 / demonstrations.lengths)[demonstrations.groups]
             spec = LinearPolicySpec(self.features, self.C, self.tol, SelectionSettings())
@@ -220,14 +227,3 @@ class RMEnt(PolicyEstimator):
         # where every row is a demonstration, the half that one policy explains best leaves out a class
         tags.classifier_tags.poor_score = True
         return tags
-
-    def _number_trusted(self, n_demonstrations: int, source: str) -> int:
-        given = self.n_trusted
-        if isinstance(given, float | np.floating) and 0 < given < 1:
-            return ceil(round(given * n_demonstrations, 9))  # .28 of 25 is 7, whatever floating point says
-        if not isinstance(given, int | np.integer) or not 1 <= given <= n_demonstrations:
-            raise DataError(
-                f"{source}: n_trusted={given!r} of {n_demonstrations} demonstrations; give a whole number from 1 to "
-                f"{n_demonstrations}, or a share between 0 and 1."
-            )
-        return int(given)

@@ -94,7 +94,11 @@ class _Search:
         order, operator, task = (self.one(None if name in options.files else name, role) for role, name in named)
         given: set[str | None] = {*asked, *actions, order, operator, task}
         episode, other_ids = self.episode(given, default_id)
-        self.refuse_named(episode, actions, asked)
+        for option, names, others in (("action", actions, [episode]), ("observations", asked, [episode, *actions])):
+            if wrong := [name for name in names if name in others]:
+                role = "the id" if wrong[0] == episode else "part of the action"
+                said = f"column {wrong[0]!r} is {role} already; take it out of --{option}"
+                raise DataError(f"{self.source}: {said}.")
         self.take(episode, *actions)
         one_action = len(actions) == 1
         if not actions:
@@ -247,13 +251,6 @@ class _Search:
         else:
             found = [name for name in self.names if self.plain[name] == plain]
         return found or [name for name in self.names if fnmatchcase(short_name(name).lower(), lower)]
-
-    def refuse_named(self, episode: str, actions: Sequence[str], asked: Sequence[str]) -> None:
-        """A `DataError` where the user names the id as an action, or either of them as an observation."""
-        for option, names, others in (("action", actions, [episode]), ("observations", asked, [episode, *actions])):
-            for name in (name for name in names if name in others):
-                role = "the id" if name == episode else "part of the action"
-                raise DataError(f"{self.source}: column {name!r} is {role} already; take it out of --{option}.")
 
     def no_column(self, what: str, option: str, more: str = "") -> DataError:
         """The error that no column is what it says; it lists the columns, with the kind of those that are not read."""

@@ -54,23 +54,20 @@ def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
     are_numbers = plain_name(columns.episode) == EPISODE[0] and isinstance(steps.ids[0], int)
     if files and metadata.version and are_numbers:  # LeRobot numbers them in their order
         order = np.array(steps.ids, dtype=float)
-    sessions = () if columns.session is None else _sessions(columns.session, steps, files)
-    outcomes = tuple(_outcome(table, name, columns, steps.offsets, steps.source) for name in columns.outcomes)
-    return Facts(order, sessions, outcomes, columns.outcomes)
-
-
-def _sessions(name: str, steps: Steps, files: Sequence[str]) -> tuple[str, ...]:
-    """The session of each demonstration."""
+    sessions, name = tuple[str, ...](), columns.session
     if name == FILE_SESSION and name not in steps.table.schema.names:
         if not files:
             raise DataError(f"{steps.source}: its files make no sessions; name a column with --session.")
-        return tuple(files)
-    pairs = pairs_of(steps, name)
-    counts = Counter(m for m, _ in pairs)
-    if wrong := [m for m, value in pairs if value is None or counts[m] > 1]:
-        place = f"{steps.source}, demonstration {wrong[0]}"
-        raise DataError(f"{place}: column {name!r} changes, or has no value, within it; give it one session.")
-    return tuple(str(value) for _, value in pairs)
+        sessions = tuple(files)
+    elif name is not None:
+        pairs = pairs_of(steps, name)
+        counts = Counter(m for m, _ in pairs)
+        if wrong := [m for m, value in pairs if value is None or counts[m] > 1]:
+            place = f"{steps.source}, demonstration {wrong[0]}"
+            raise DataError(f"{place}: column {name!r} changes, or has no value, within it; give it one session.")
+        sessions = tuple(str(value) for _, value in pairs)
+    outcomes = tuple(_outcome(table, name, columns, steps.offsets, steps.source) for name in columns.outcomes)
+    return Facts(order, sessions, outcomes, columns.outcomes)
 
 
 def _outcome(table: pa.Table, wanted: str, columns: Columns, offsets: Array, source: str) -> Float[Array, " M"]:

@@ -190,7 +190,7 @@ class Judged:
     rejected_by: tuple[str, ...] = field(default=(), metadata=TEXT)
     within: str = ""
     fps: float | None = None
-    provenance: Mapping[str, Any] = field(default_factory=dict)
+    provenance: Mapping[str, Any] | None = None
 
     @property
     def vocabulary(self) -> Vocabulary:

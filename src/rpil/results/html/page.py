@@ -7,7 +7,7 @@ import hashlib
 import json
 import os
 from collections import defaultdict
-from collections.abc import Hashable, Mapping, Sequence, Set
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -93,6 +93,12 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
     )
     answers = [[m, "good" if sign > 0 else "bad"] for m, sign in enumerate(labels) if sign]
     answers += ([a, f"{word} {audit.ids[b]}"] for word, pairs in compared.items() for a, b in pairs.tolist())
+    segments = defaultdict[str, list[list[object]]](list)  # of those that are drawn, and others with a reason
+    if (found := about.segments) is not None:
+        columns, shown = (found.demonstration, found.start, found.end, found.kind), {*order[:MAX_DRAWN]}
+        for m, start, end, kind, why in zip(*(one.tolist() for one in columns), found.reason, strict=True):
+            if why or m in shown:
+                segments[str(m)].append([start, end, KINDS[kind], why])
     return {
         "run": audit.run_id,
         "probability": audit.vocabulary.probability,
@@ -106,27 +112,15 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         "whole_ids": all(isinstance(name, int) for name in audit.ids),
         "n_review": n_review,
         "faults": _faults(places, about.faults),
-        "segments": _segments(about.segments, {*order[:MAX_DRAWN]}),
+        "segments": segments,
         "rows": [
             [m, first, last, "good" if sign > 0 else "bad"] for m, first, last, sign in audit.answers.marks.tolist()
         ],
         "fps": audit.fps,
         "lerobot": about.lerobot,
-        "provenance": audit.provenance,
+        "provenance": audit.provenance or {},
         "drawings": drawings(audit, order[:drawn]),
     }
-
-
-def _segments(found: Segments | None, shown: Set[int]) -> dict[str, list[list[object]]]:
-    """The segments of those to be `shown`, and others with a reason, by the number of the demonstration as text: the
-    first row, the one after the last, kind and reason of each."""
-    of_each = defaultdict[str, list[list[object]]](list)
-    if found is not None:
-        columns = (found.demonstration, found.start, found.end, found.kind)
-        for m, start, end, kind, why in zip(*(one.tolist() for one in columns), found.reason, strict=True):
-            if m in shown or why:
-                of_each[str(m)].append([start, end, KINDS[kind], why])
-    return of_each
 
 
 def _columns(audit: AuditResult, about: About) -> View:
