@@ -66,24 +66,19 @@ def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
             place = f"{steps.source}, demonstration {wrong[0]}"
             raise DataError(f"{place}: column {name!r} changes, or has no value, within it; give it one session.")
         sessions = tuple(str(value) for _, value in pairs)
-    outcomes = tuple(_outcome(table, name, columns, steps.offsets, steps.source) for name in columns.outcomes)
-    return Facts(order, sessions, outcomes, columns.outcomes)
-
-
-def _outcome(table: pa.Table, wanted: str, columns: Columns, offsets: Array, source: str) -> Float[Array, " M"]:
-    """The outcome of each demonstration in the `wanted` column, with NaN where it is not known."""
-    name = wanted.removeprefix("-")
-    found: Array | None = np.diff(offsets).astype(float)
-    if name != LENGTH:
-        values = numbers_or_missing(table[name])
-        is_one = values is not None and values.shape[1] == 1
-        found = outcome_of_steps(values[:, 0].astype(float), offsets, name) if values is not None and is_one else None
-    if found is None:
-        kinds = "neither one number for each demonstration, nor a reward, nor a flag of 0 and 1"
-        raise DataError(f"{source}: column {name!r} is {kinds}; name another column with --outcome, or {LENGTH!r}.")
-    return (
-        found if wanted == name else float(np.isin(found[~np.isnan(found)], (0, 1)).all()) - found
-    )  # a flag stays one
+    outcomes, lengths = list[Array](), np.diff(steps.offsets).astype(float)
+    for column, less in ((one.removeprefix("-"), one.startswith("-")) for one in columns.outcomes):
+        values = None if column == LENGTH else numbers_or_missing(table[column])
+        found = lengths if column == LENGTH else None
+        if values is not None and values.shape[1] == 1:
+            found = outcome_of_steps(values[:, 0].astype(float), steps.offsets, column)
+        if found is None:
+            kinds = "neither one number for each demonstration, nor a reward, nor a flag of 0 and 1"
+            remedy = f"name another column with --outcome, or {LENGTH!r}"
+            raise DataError(f"{steps.source}: column {column!r} is {kinds}; {remedy}.")
+        is_flag = bool(np.isin(found[~np.isnan(found)], (0, 1)).all())  # which stays one
+        outcomes.append(float(is_flag) - found if less else found)
+    return Facts(order, sessions, tuple(outcomes), columns.outcomes)
 
 
 def pairs_of(steps: Steps, name: str | None) -> list[tuple[str, object]]:

@@ -104,26 +104,17 @@ class Kept:
             rows[m] |= {f"stats/{feature}/{name}": x for feature, one in own.items() for name, x in one.items()}
             found.append(own)
             start += n
-        for camera, shots in videos.items():
-            for m, said in self._copy_videos(camera, [shots[m] for m in self.numbers]).items():
-                rows[m] |= said
+        for camera, shots in videos.items():  # a file with any of these episodes is copied whole
+            places = dict[Path, tuple[int, int]]()
+            for shot in (shots[m] for m in self.numbers):
+                if shot.path not in places:
+                    places[shot.path] = divmod(len(places), self.n_in_chunk)
+                    shutil.copyfile(check_readable(shot.path), self.target(_VIDEO_PATH, places[shot.path], camera))
+                where = zip(("chunk_index", "file_index"), places[shot.path], strict=True)
+                said = {**dict(where), "from_timestamp": shot.start, "to_timestamp": shot.end}
+                rows[shot.episode] |= {f"videos/{camera}/{name}": value for name, value in said.items()}
         pq.write_table(pa.Table.from_pylist([*rows.values()], self.old.schema), self.target(_EPISODES, (0, 0)))
         return found
-
-    def _copy_videos(self, camera: str, shots: Sequence[Shot]) -> dict[int, dict[str, Parsed]]:
-        """Write the videos of a camera; by the old number of each episode, where in them it lies.
-
-        A file with any of these episodes is copied whole: `meta` says where in it each lies.
-        """
-        places, said = dict[Path, tuple[int, int]](), dict[int, dict[str, Parsed]]()
-        for shot in shots:
-            if shot.path not in places:
-                places[shot.path] = divmod(len(places), self.n_in_chunk)
-                shutil.copyfile(check_readable(shot.path), self.target(_VIDEO_PATH, places[shot.path], camera))
-            chunk, file = places[shot.path]
-            where = {"chunk_index": chunk, "file_index": file, "from_timestamp": shot.start, "to_timestamp": shot.end}
-            said[shot.episode] = {f"videos/{camera}/{name}": value for name, value in where.items()}
-        return said
 
 
 def moved(of_episode: ColumnStatistics, first: int) -> dict[str, Parsed]:
