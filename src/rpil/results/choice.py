@@ -95,8 +95,15 @@ def choose(
     ids = cast(Sequence[Id], table["id"])
     labels, said = (table.get(name, [""] * len(ids)) for name in ("label", "said"))
     kept, rejected = list[Id](), {rule: list[Id]() for rule in KEEP_RULES}
-    failure, notes, known = Choice.failure, list[str](), zip(_by_audit(table), _below(table, share), strict=True)
-    for name, label, how, (by_audit, below) in zip(ids, labels, map(str, said), known, strict=True):
+    failure, notes, column = Choice.failure, list[str](), "rejected_by" if "rejected_by" in table else "verdict"
+    known, words = KEEP_RULES if column == "rejected_by" else SIDES, [str(word or "") for word in table[column]]
+    for name, word in zip(ids, words, strict=True):
+        if word and word not in known:
+            rest = f"{word!r} is unknown; write one of {', '.join(known)}"
+            raise DataError(f"Demonstration {name!r}: the {column.replace('_', ' ')} {rest}.")
+    every = zip(ids, labels, map(str, said), words, _below(table, share), strict=True)
+    for name, label, how, word, below in every:
+        by_audit = word if column == "rejected_by" else RULES_OF_VERDICTS.get(word, "")
         is_spared, rule = str(name) in spared, "" if label else by_audit
         if label == "bad":
             rule = "labels"
@@ -169,17 +176,6 @@ def _below(table: Table, share: float | None) -> Sequence[bool | None]:
         raise DataError(f"{who}; audit these too, or leave them out with --without.")
     ranks = np.argsort(np.argsort(-values, kind="stable"))
     return [*map(bool, ranks >= max(round(share * len(ranks)), 1))]
-
-
-def _by_audit(table: Table) -> list[str]:
-    """The rule by which an audit rejects each demonstration, or nothing; where the table has none, by the verdict."""
-    column, known = ("rejected_by", ["", *KEEP_RULES]) if "rejected_by" in table else ("verdict", ["", *SIDES])
-    words = [str(word or "") for word in table[column]]
-    for name, word in zip(table["id"], words, strict=True):
-        if word not in known:
-            rest = f"{word!r} is unknown; write one of {', '.join(filter(None, known))}"
-            raise DataError(f"Demonstration {name!r}: the {column.replace('_', ' ')} {rest}.")
-    return words if column == "rejected_by" else [RULES_OF_VERDICTS.get(word, "") for word in words]
 
 
 def write_verdicts(path: StrPath, audit: AuditResult, columns: Table) -> None:
