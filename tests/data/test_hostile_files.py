@@ -104,10 +104,6 @@ def long_csv_id(path):
     path.write_text("episode_index,observation.x,action\n" + rows)
 
 
-def text(content):
-    return lambda path: path.write_text(content)
-
-
 FILES = {
     "giant-observations.npz": (giant(npz(), "observations.npy", zipfile.ZIP_DEFLATED), READ),
     "giant-names.npz": (giant(npz(), "observation_names.npy", zipfile.ZIP_DEFLATED), READ),
@@ -123,7 +119,10 @@ FILES = {
     "empty-id.parquet": (parquet(episode_index=["", "", "b"]), READ),
     "large-id.parquet": (parquet(episode_index=np.array([2**63, 2**63, 1], np.uint64)), READ),
     "lists-of-ids-on-disk.parquet": (parquet(episode_index=[[0, 1], [0, 1], [1, 2]]), OPEN),
-    "digits-as-key.json": (text(json.dumps({"9" * 5000: 3})), "rpil.data.id_values:read_answers"),
+    "digits-as-key.json": (
+        lambda path: path.write_text(json.dumps({"9" * 5000: 3})),
+        "rpil.data.id_values:read_answers",
+    ),
 }
 BOTH = ("long-id", "trailing-nul", "empty-id", "large-id")
 """Files that are read into memory and left on disk."""
@@ -159,10 +158,6 @@ def zarr_store(ends=b"", action=b"", **changes):
                 (path / name / ("0" if len(about["shape"]) == 1 else "0.0")).write_bytes(content)
 
     return make
-
-
-def encoded(codec):
-    return lambda: codec.encode(np.zeros(ZEROS, np.uint8))
 
 
 def zarr_3(path):
@@ -282,7 +277,10 @@ SIZES = {
     "gzip.zarr": (zarr_store(action=lambda: zeros(31), compressor={"id": "gzip", "level": 1}), READ),
     "gzip-ends.zarr": (zarr_store(ends=lambda: zeros(31)), READ),
     "gzip-3.zarr": (zarr_3, READ),
-    "blosc.zarr": (zarr_store(action=encoded(numcodecs.Blosc()), compressor={"id": "blosc"}), READ),
+    "blosc.zarr": (
+        zarr_store(action=lambda: numcodecs.Blosc().encode(np.zeros(ZEROS, np.uint8)), compressor={"id": "blosc"}),
+        READ,
+    ),
     "no-chunk.zarr": (zarr_store(shape=[40, 4 * 10**6], chunks=[1, 1]), READ),
     "wide-chunk.zarr": (zarr_store(chunks=[10**9, 3], action=lambda: zeros(31), compressor={"id": "gzip"}), READ),
     "many-rows.zarr": (no_chunk_of_many_rows, READ),

@@ -20,15 +20,11 @@ SCORE = np.array([*UPPER, 0.0, 0.0, 0.0])
 """The last third is a lower group, and is not far below the others."""
 
 
-def gaining(upper, own):
-    """The gain of a policy of a group whose first member is an upper one, or that of any other group, on the group
-    itself; elsewhere it is -9."""
-    return lambda group: np.where(group, upper if group[0] else own, -9.0)
-
-
 def scored(score=SCORE, p_two=0.999, upper=1.0, own=0.0, deviation=0.1, discrete=False, **limits):
     score, settings = np.asarray(score, dtype=float), JudgeSettings(outliers=OutlierSettings(**limits))
-    scoring = scoring_of(same_actions(len(score), discrete), gaining(upper, own), settings)
+    # The policy of a group gains on the group itself: by its first member an upper one, or another.
+    gains = lambda group: np.where(group, upper if group[0] else own, -9.0)  # noqa: E731
+    scoring = scoring_of(same_actions(len(score), discrete), gains, settings)
     return scoring, scores_of(scoring, score, p_two, deviation)
 
 

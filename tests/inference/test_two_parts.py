@@ -117,10 +117,7 @@ def test_the_limit_of_noise_is_noise(monkeypatch):
     assert trusted(rules(FIRST < 3, mixed=-3.0), monkeypatch, max_noise=0.25) == [1.0] * 3 + [-1.0] * 7
 
 
-OUTLIERS = FIRST > 7
-
-
-@pytest.mark.parametrize(("outlier", "found"), [(NOBODY, [0.0] * 10), (OUTLIERS, [1.0] * 8 + [-1.0] * 2)])
+@pytest.mark.parametrize(("outlier", "found"), [(NOBODY, [0.0] * 10), (FIRST > 7, [1.0] * 8 + [-1.0] * 2)])
 def test_without_parts_the_outliers_are_the_other_part(outlier, found, monkeypatch):
     alike = rules(np.ones(10, dtype=bool))  # one policy explains all
     assert trusted(alike, monkeypatch, outlier) == found
@@ -246,11 +243,6 @@ def test_every_kth_step_of_each_demonstration_is_kept(max_steps, k):
     assert found.lengths.tolist() == [len(one) for one in kept]
 
 
-# From steps to parts.
-def parts_of(data, settings=JudgeSettings()):
-    return judge(data, held_out_model(data, HeldOutSettings()), settings, learner=data).part
-
-
 @pytest.mark.parametrize(
     ("maker", "kind", "n_good", "n_bad", "good", "bad"),
     [
@@ -264,6 +256,7 @@ def parts_of(data, settings=JudgeSettings()):
 )
 def test_parts_of_plain_worlds(maker, kind, n_good, n_bad, good, bad):
     toy = maker(kind, 1, n_good=n_good, n_bad=n_bad, steps=(40, 60))
-    found = parts_of(toy.problem())
+    data = toy.problem()
+    found = judge(data, held_out_model(data, HeldOutSettings()), JudgeSettings(), learner=data).part
     turned = np.sign(found[0] * good) if abs(good) == 0.5 else 1  # of a tie either part is the first
     np.testing.assert_array_equal(found * turned, np.where(toy.is_good, good, bad))

@@ -51,7 +51,6 @@ def test_errors_are_one_sentence(arguments, words):
 
 
 N, D, K = 2001, 3, 4
-NUMBERED = Discrete(K)
 # One range around zero and one far from it.
 BOX = Box(np.float32([-2, 10]), np.float32([2, 11]))
 
@@ -76,7 +75,7 @@ def continuous(episode):
 
 
 def spoil(kind, episode, seed=0):
-    space = NUMBERED if episode[1].ndim == 1 else BOX
+    space = Discrete(K) if episode[1].ndim == 1 else BOX
     return CORRUPTIONS[kind](*episode, space, np.random.default_rng(seed))
 
 
