@@ -24,7 +24,6 @@ h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
 numcodecs = pytest.importorskip("numcodecs", reason="needs the extra zarr")
 
 READ, OPEN, LOAD = "rpil:read", "hostile:read_on_disk", "rpil:load"
-MODEL = Path(__file__).parents[1] / "golden" / "discrete_judge.rpil"
 TABLE = {"episode_index": [0, 0, 1], "observation.x": [1.0, 2.0, 3.0], "action": [0, 1, 0]}
 NOT_UNICODE = np.array([0x110000, 97, 98], dtype=np.uint32).view("U1")
 GIANT = (7 * 10**9 // 8 // 2, 2)  # of float64: 7 GB
@@ -36,7 +35,7 @@ def npz(**changes):
 
 
 def model(path):
-    shutil.copyfile(MODEL, path)
+    shutil.copyfile(Path(__file__).parents[1] / "golden" / "discrete_judge.rpil", path)
 
 
 def giant(write, member, method=zipfile.ZIP_STORED):

@@ -122,7 +122,7 @@ def nan_after_training(policy, observations, actions):
         ({"log_prob": lambda p, o, a: np.exp(log_prob(p, o, a))}, "take logarithms"),
         ({"train": lambda p, o, a, w: 0.37}, "train returned float; let it return nothing, or the new policy"),
         ({"train": lambda *_: None}, "train changed nothing in copies"),  # its optimiser is of the original
-        ({"n_folds": 21}, "n_folds=21"),
+        ({"n_folds": 21}, "n_folds=21, but there are 20 demonstrations"),
         ({"max_rounds": 0}, "max_rounds=0"),
         ({"labels": {"d99": "good"}}, "d99"),
     ],

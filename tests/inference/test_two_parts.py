@@ -62,13 +62,9 @@ FIRST = np.arange(10)
     [(6, 0.58, (1, -1)), (6, 0.59, (0.5, -0.5)), (4, 0.58, (-1, 1)), (4, 0.59, (0.5, -0.5)), (5, 0.5, (0.5, -0.5))],
 )
 def test_the_larger_of_two_rules_is_trusted_and_both_of_a_tie(n_first, max_tie, sizes, monkeypatch):
-    found = trusted(rules(n_first > FIRST), monkeypatch, max_tie=max_tie)
-    assert found == [sizes[0]] * n_first + [sizes[1]] * (10 - n_first)
-
-
-def test_the_policies_have_the_ridge_of_the_judge_or_the_weakest(monkeypatch):
-    for ridge in (0.1, 0.0):
-        assert trusted(rules(FIRST < 7), monkeypatch, ridge=ridge) == [1.0] * 7 + [-1.0] * 3
+    for ridge in (0.1, 0.0):  # of the judge, and without one the weakest
+        found = trusted(rules(n_first > FIRST), monkeypatch, max_tie=max_tie, ridge=ridge)
+        assert found == [sizes[0]] * n_first + [sizes[1]] * (10 - n_first)
 
 
 def test_eleven_of_twenty_are_larger_and_twelve_of_twentytwo_are_not(monkeypatch):
