@@ -14,10 +14,11 @@ one larger or twice as large, a negation left out, or a result that is replaced 
 annotations, and defaults of settings are left as they are. Each mutant is a copy of the library in an empty folder.
 
 First all tests run once, and each function that a test or its fixtures call is noted. A mutant meets the tests that
-call its function, or one that reads the constant that it changes: the quick ones and those of its room first, 60
-seconds of tests (``--seconds``). It is killed where one fails, or where they take several times as long as before. At
-the end the tests that killed must pass on the library as it is. They run in a fork of a process that has imported the
-libraries of others, but nothing of rpil: most of the time would be spent on that.
+call its function, or one that reads the constant that it changes, and those of its room that start processes: the
+quick ones and those of its room first, 60 seconds of tests (``--seconds``). It is killed where one fails, or where they
+take several times as long as before. At the end the tests that killed must pass on the library as it is. They run in a
+fork of a process that has imported the libraries of others, but nothing of rpil: most of the time would be spent on
+that.
 
 `survivors.toml` beside this file lists survivors that are no holes, and says why: they are not counted.
 """
@@ -59,6 +60,9 @@ GOAL = 0.88
 UNCALLED = ("benchmarks", "docs", "test_architecture.py", "test_budget.py", "test_mutants.py", "test_other_systems.py")
 UNCALLED += ("test_packaging.py", "test_release.py", "test_surface.py", "test_words.py", "test_action.py")
 """Tests of something else than what the library does."""
+
+PROCESS = "a process"
+"""What tests call that start one, which is not traced."""
 
 LIBRARIES = ("pytest", "numpy", "scipy.stats", "scipy.optimize", "sklearn.metrics", "sklearn.linear_model")
 LIBRARIES += ("pyarrow.parquet", "beartype", "jaxtyping", "hypothesis", "jinja2", "click", "rich.console", "h5py")
@@ -250,9 +254,11 @@ def callers(module: str, line: int, calls: dict[str, Any], most: float) -> list[
     room, name = module.split("/")[0], module.split("/")[-1]
     costs = {}
     for test, (seconds, called) in calls.items():
-        is_named = test.startswith(f"tests/{Path(module).parent.as_posix()}/test_{name}")
-        if is_named or not places.isdisjoint(called):
-            costs[test] = (seconds + 0.01) * (1 if is_named else 2 if test.startswith(f"tests/{room}/") else 5)
+        is_named, is_near = (
+            test.startswith(f"tests/{at}") for at in (f"{Path(module).parent}/test_{name}", f"{room}/")
+        )
+        if is_named or not places.isdisjoint(called) or (is_near and PROCESS in called):
+            costs[test] = (seconds + 0.01) * (1 if is_named else 2 if is_near else 5)
     tests, total = [], 0.0
     for test in sorted(costs, key=costs.get):
         total += calls[test][0]
@@ -283,9 +289,14 @@ class Calls:
     def __init__(self, folder: str, file: Path):
         self.folder, self.file, self.tests, self.failed = f"{folder}/rpil/", file, {}, set()
         self.current, self.of_fixtures, self.places = {}, defaultdict(dict), {}
+        sys.addaudithook(self.start)
 
     def note(self, frame: FrameType, *_: Any) -> None:
         self.current[id(frame.f_code)] = frame.f_code
+
+    def start(self, event: str, _: Any) -> None:
+        if event == "subprocess.Popen":
+            self.current[0] = PROCESS
 
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: Any) -> Iterator[None]:
@@ -312,6 +323,8 @@ class Calls:
 
     def place(self, code: Any) -> str:
         """The module and the line of a function of the library."""
+        if code is PROCESS:
+            return PROCESS
         if id(code) not in self.places:
             module = code.co_filename.removeprefix(self.folder).removesuffix(".py")
             is_own = code.co_filename.startswith(self.folder)

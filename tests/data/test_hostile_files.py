@@ -25,7 +25,6 @@ numcodecs = pytest.importorskip("numcodecs", reason="needs the extra zarr")
 
 READ, OPEN, LOAD = "rpil:read", "hostile:read_on_disk", "rpil:load"
 TABLE = {"episode_index": [0, 0, 1], "observation.x": [1.0, 2.0, 3.0], "action": [0, 1, 0]}
-NOT_UNICODE = np.array([0x110000, 97, 98], dtype=np.uint32).view("U1")
 GIANT = (7 * 10**9 // 8 // 2, 2)  # of float64: 7 GB
 
 
@@ -113,7 +112,7 @@ FILES = {
     "constants.parquet": (constants, READ),
     "long-id.csv": (long_csv_id, READ),
     "long-id.parquet": (long_parquet_id, READ),
-    "code-point-of-action.npz": (npz(actions=NOT_UNICODE), READ),
+    "code-point-of-action.npz": (npz(actions=np.array([0x110000, 97, 98], dtype=np.uint32).view("U1")), READ),
     "trailing-nul.parquet": (parquet(episode_index=["a", "a\0", "a\0"]), READ),
     "empty-id.parquet": (parquet(episode_index=["", "", "b"]), READ),
     "large-id.parquet": (parquet(episode_index=np.array([2**63, 2**63, 1], np.uint64)), READ),

@@ -33,6 +33,8 @@ def test_each_file_of_a_folder_is_a_demonstration(tmp_path, monkeypatch):
     write(tmp_path / "runs" / "meta" / "notes.jsonl", [{"of": "all"}])
     (tmp_path / "runs" / "README.txt").write_text("a,b\n1,2\n")
     (tmp_path / "runs" / "labels.csv").write_text("id,label\nrun_0,good\n")  # of rpil label
+    said = [rpil.open(path).describe().format for path in ("runs", "runs/run_0.jsonl")]
+    assert said == ["JSON lines, 3 files", "JSON lines"]
     assert rpil.read("runs").ids == ("run_0", "run_1", "run_10")
     (tmp_path / "runs" / "more").mkdir()
     write(tmp_path / "runs" / "more" / "run_0.jsonl", rows)

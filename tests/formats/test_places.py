@@ -106,6 +106,8 @@ def test_stretches_begin_again_after_a_pause_and_need_no_id():
     read = rpil.read(episodes(episode=None, time_s=clock), segment=2.0, split_gap=5.0)
     assert read.ids[:3] == ("0 [0, 2) s", "0 [2, 4) s", "1 [0, 2) s")
     assert rpil.read(episodes(episode=None, time_s=clock), segment=600.0).ids == ("0 [0, 600) s", "0 [600, 1200) s")
+    with pytest.raises(DataError, match="the column of time lacks values; fill it in"):
+        rpil.open(rows(time_s=[*range(7), np.nan]), segment=1)
 
 
 @pytest.mark.parametrize("option", ["segment", "split_gap"])

@@ -74,6 +74,9 @@ def test_fit_softmax_takes_few_passes(n_features, monkeypatch):
     monkeypatch.setattr(newton, "PRECONDITIONER_PRODUCTS", 1)  # after so many another preconditioner is made
     fit_softmax(*problem, until(tol=1e-10))
     assert passes.count("_inverses") > 2
+    passes.clear()
+    fit_softmax(*problem, until(tol=0.0, max_iter=1, max_cg=1))
+    assert passes.count("hessian_product") == 1
 
 
 def test_a_step_for_a_loose_fit_leaves_a_quarter_of_the_slope():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,7 @@ def test_rows_and_demonstrations_that_are_bad_are_left_out(data):
     weights = pyarrow.csv.read_csv("w.csv")["weight"].to_numpy()
     own = weights[demonstrations.offsets[1] : demonstrations.offsets[2]]
     assert np.flatnonzero(own == 0).tolist() == [*range(5, 20), *range(30, 40)]
+    assert re.search(r"^\d+ to look at\.$", ok("audit", "a.csv", "--segments", "s.csv").stdout, re.MULTILINE)
     rows = pq.read_table("s.parquet").to_pylist()
     assert {*rows[0]} >= {"id", "start", "end", "kind", "score", "reason"}
     assert {row["kind"] for row in rows} <= {*KINDS}

@@ -20,6 +20,7 @@ def test_good_and_bad_are_labelled(kind):
     assert sorted(made.is_good) == [0, 0, 1, 1, 1]
     assert made.returns.shape == (5,)
     assert len(made.episodes) == 5
+    assert simulate(CAR, kind, n_good=0, n_bad=1, seed=0).is_good.tolist() == [0]
     agrees = np.array([(expert(CAR).predict(seen) == actions).mean() for seen, actions in made.episodes])
     assert (agrees[made.is_good == 1] == 1).all()
     assert agrees[made.is_good == 0].max() < 0.95
