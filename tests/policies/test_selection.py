@@ -11,7 +11,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.policies.features import FeatureMap, FeatureSettings
-from rpil.policies.selection import FeatureChoice, _Candidate, _fit_least_squares, _is_as_good, choose_features
+from rpil.policies.selection import FeatureChoice, _Candidate, _fit_least_squares, _is_as_good, _median, choose_features
 from rpil.policies.settings import SelectionSettings
 
 
@@ -69,11 +69,13 @@ def test_steps_far_off_do_not_teach_which_numbers_are_due():
     assert np.abs(robust - right).max() < 0.3 * np.abs(plain - right).max()
 
 
-def test_as_good_is_less_accurate_by_no_more_than_a_standard_error():
+def test_as_good_is_less_accurate_by_a_standard_error_at_most_and_medians_are_weighted():
     best = _Candidate(FeatureChoice("raw", 1.0), 0.0, np.zeros(4))
     for loss, expected in ((0.577, True), (0.578, False)):  # of 1 / sqrt(3)
         worse = best._replace(accuracy=np.array([-1.0, 1.0] * 2) - loss)
         assert _is_as_good(worse, best, np.full(4, 0.5)) == expected
+    assert [_median(np.array(of), np.ones(len(of))) for of in ([3.0, 1, 2], [4.0, 1, 3, 2])] == [2.0, 2.5]
+    assert _median(np.arange(3.0), np.array([1.0, 1.0, 9.0])) == 2.0
 
 
 def test_few_demonstrations_and_steps_are_enough():

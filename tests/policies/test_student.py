@@ -127,6 +127,7 @@ def test_steps_by_sums_reach_the_fit_within_a_radius_and_those_without_weight_ch
     sums = policy.collect_suff_stats(problem.features, problem.actions, 0 * weight)[1]
     assert (policy.gradient_norm(sums), policy.m_step(sums, np.inf, None, history)[0]) == (0.0, policy)
     sums = policy.collect_suff_stats(problem.features, problem.actions, weight)[1]
+    assert sums[-1] == 0  # errors beyond a bound
     near, _ = policy.m_step(sums, 1e-2, None, history)
     moved = np.abs(near.weights - policy.weights) / np.sqrt((policy.cholesky**2).sum(axis=1))
     assert moved.max() == pytest.approx(1e-2)
