@@ -14,8 +14,7 @@ from contestants import CONTESTANTS
 from contestants.ileed import ileed_loss, ileed_shapes
 from problems import make, make_continuous
 
-SHAPE = {"n_good": 10, "n_bad": 4, "steps": (40, 60), "sharpness": 10.0}
-RANDOM = make("random", 0, **SHAPE)
+RANDOM = make("random", 0, n_good=10, n_bad=4, steps=(40, 60), sharpness=10.0)
 CONTINUOUS = make_continuous("random", 0, n_good=10, n_bad=4, steps=(40, 60))
 
 

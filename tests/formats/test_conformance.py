@@ -22,7 +22,6 @@ LISTED = {*("NPZ, stacked", "folder of CSV", "folder of Parquet", "folder of NPZ
 LISTED |= {name for name in SAMPLES if name.startswith("Zarr")}
 """Samples of which `keep` writes the list of ids alone."""
 
-TASKS = {"LeRobot": "lift", "robomimic": "Lift", "folder of NPZ": "lift"}
 RATES = {"LeRobot": 30, "Parquet of lists": 30, "folder of Parquet": 30, "robomimic": 20}
 
 
@@ -107,7 +106,7 @@ def test_what_is_kept_is_read_as_it_was(name, path):
     for what in ("observations", "actions", "action_kind", "task_column", "operator_column", "order"):
         assert getattr(after.describe(), what) == getattr(before.describe(), what), what
     said, still = ([said.tasks.get(str(m), "") for m in of.ids] for said, of in ((before, expected), (after, found)))
-    assert said == still == [TASKS.get(name, "")] * 2
+    assert said == still == [{"LeRobot": "lift", "robomimic": "Lift", "folder of NPZ": "lift"}.get(name, "")] * 2
     assert [who for _, who in after.operators] == [who for m, who in before.operators if m in map(str, expected.ids)]
     assert (before.describe().fps, after.describe().fps) == pytest.approx([RATES.get(name)] * 2)
     if before.times().timestamps is not None:
