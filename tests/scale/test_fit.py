@@ -68,6 +68,7 @@ def test_blocks_are_joined_in_order():
         np.testing.assert_allclose(getattr(joined, name), getattr(whole, name))
     expected = sample.judge.ratio.step_ratios(every.features, every.actions, SETTINGS.held_out)[1]
     np.testing.assert_array_equal(whole.log_ratio, expected)
+    np.testing.assert_allclose(whole.reliability, every.mean_steps(expected > 0))
 
 
 def cut(data, some):
