@@ -79,13 +79,13 @@ def cut(data, some):
 
 
 def test_a_radius_falls_with_the_objective_and_doubles_after_and_a_gradient_must_halve():
-    """The gradient falls by a twentieth with every step."""
-    radii, values, policy = [], iter([0, -1, -1, 1, 2, 3, 4, *[5] * 99]), SimpleNamespace(penalty=lambda: 0.0)
-    policy.gradient_norm = lambda _: 0.95 ** len(radii)
-    policy.m_step = lambda _, radius, *__: (radii.append(radius) or policy, None)
-    shards = SimpleNamespace(total=lambda _: (next(values), None, 1.0))
-    assert ascend(shards, policy, None, AscentSettings(), print) is policy
-    assert radii == [np.inf, 2, 0.25, 0.5, 1, 2, *[np.inf] * 11]
+    for most, n in ((200, 11), (12, 8)):
+        radii, values, policy = [], iter([0, -1, -1, 1, 2, 3, 4, *[5] * 99]), SimpleNamespace(penalty=lambda: 0.0)
+        policy.gradient_norm = lambda _, radii=radii: 0.95 ** len(radii)
+        policy.m_step = lambda _, radius, *__, radii=radii, policy=policy: (radii.append(radius) or policy, None)
+        shards = SimpleNamespace(total=lambda _, values=values: (next(values), None, 1.0))
+        assert ascend(shards, policy, None, AscentSettings(max_passes=most), print) is policy
+        assert radii == [np.inf, 2, 0.25, 0.5, 1, 2, *[np.inf] * n]
 
 
 def test_an_ascent_without_progress_ends():
