@@ -113,7 +113,7 @@ def test_a_part_without_a_rule_is_not_trusted_however_large(gain, sign, is_turne
 
 def test_the_limit_of_noise_is_noise(monkeypatch):
     own = iter([4.0, 1.0])
-    monkeypatch.setattr(module, "gains", lambda *_: np.full(3, next(own)))
+    monkeypatch.setattr(module, "own_gain", lambda *_: next(own))
     assert trusted(rules(FIRST < 3, mixed=-3.0), monkeypatch, max_noise=0.25) == [1.0] * 3 + [-1.0] * 7
 
 

@@ -21,7 +21,7 @@ from scipy.special import logit
 from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
 from rpil.inference.findings import Finding
-from rpil.inference.held_out import log_reference
+from rpil.inference.held_out import HeldOutModel, log_reference
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import HeldOutSettings, OutlierSettings
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -61,7 +61,8 @@ def claim(scoring: Scoring, scores: Scores) -> Claims:
         return Claims("nothing could be learned", nobody)
     lower = lower_part(scores, settings)
     if 2 * lower.sum() <= len(lower) and lower.any():
-        gain_upper, own = (own_gain(scoring, group, scores.fit.ridge) for group in (~lower, lower))
+        fitted, ridge, held_out = scoring.model, scores.fit.ridge, scoring.settings.held_out
+        gain_upper, own = (own_gain(scoring.data, fitted, group, ridge, held_out) for group in (~lower, lower))
         if gain_upper <= 0:
             return Claims("nothing could be learned", nobody)
         if own <= settings.max_own_gain * gain_upper:
@@ -97,18 +98,13 @@ def widened(claims: Claims, scores: Scores, settings: OutlierSettings) -> Claims
     return replace(claims, lower=lower)
 
 
-def own_gain(scoring: Scoring, group: Bool[Array, " M"], ridge: float) -> float:
-    """The median gain, in nats a step, of the members of a `group` by a policy that is fitted to it, held out."""
-    data = scoring.data
-    log_prob = scoring.model.evaluate(data.per_step(group.astype(float)), ridge)
-    return float(np.median(gains(data, log_prob, group, scoring.settings.held_out)))
-
-
-def gains(
-    data: FitData, log_prob: Float[Array, " N"], group: Bool[Array, " M"], settings: HeldOutSettings
-) -> Float[Array, " G"]:
-    """Mean log-ratios of the members of a `group` against its own reference, in nats a step."""
-    return np.asarray(data.mean_steps(log_prob - log_reference(data, group, settings))[group])
+def own_gain(
+    data: FitData, model: HeldOutModel, group: Bool[Array, " M"], ridge: float, settings: HeldOutSettings
+) -> float:
+    """The median gain over the own actions of a `group`, in nats a step, of its members by a policy that is fitted to
+    it, held out."""
+    log_prob = model.evaluate(data.per_step(group.astype(float)), ridge)
+    return float(np.median(data.mean_steps(log_prob - log_reference(data, group, settings))[group]))
 
 
 def telling_pair(claims: Claims, log_odds: Float[Array, " M"]) -> tuple[int, int] | None:

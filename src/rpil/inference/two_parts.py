@@ -23,7 +23,7 @@ from scipy.special import betaln, expit, logit, logsumexp
 
 from rpil.data.fit_data import FitData
 from rpil.inference.held_out import HeldOutModel, held_out_model
-from rpil.inference.outliers import gains
+from rpil.inference.outliers import own_gain
 from rpil.inference.scores import Scores
 from rpil.inference.settings import JudgeSettings, PartSettings
 from rpil.numerics.regression import mean_ranks
@@ -48,10 +48,7 @@ def two_parts(data: FitData, scores: Scores, outlier: Bool[Array, " M"], setting
     if best is None:
         return without
     part, explained = best
-    own = []
-    for model, group in zip(models, (part, ~part), strict=True):
-        log_prob = model.evaluate(data.per_step(group.astype(float)), ridge)
-        own.append(float(np.median(gains(data, log_prob, group, settings.held_out))))
+    own = [own_gain(data, *each, ridge, settings.held_out) for each in zip(models, (part, ~part), strict=True)]
     if max(own) <= limits.min_rule or explained - together <= limits.min_gain * max(own):
         return without
     is_noise = min(own) <= limits.max_noise * max(own)

@@ -147,8 +147,8 @@ class WeightedMap:
     trust: Array
     """Weight of each demonstration (`rpil.results.step_weights`)."""
 
-    def __call__(self, prepared: tuple[Block, FitData]) -> WeightedBlock:
-        block, data = self.design(prepared[0])
+    def __call__(self, block: Block) -> WeightedBlock:
+        _, data = self.design(block)
         return WeightedBlock(data.features, data.actions, data.per_step(self.trust[block.demonstrations]))
 
 
