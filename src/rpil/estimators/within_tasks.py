@@ -180,9 +180,9 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
     options.check(task)
     if keeps_policy and (task.answers.labels < 0).all():
         raise DataError(f"{task.source.source}: all demonstrations are labelled bad; leave one that may be good.")
-    fit = fit_full
-    sample = options.settings.sample
-    may_sample = options.judges and options.policy is None and task.source.offsets[-1] > sample.min_steps
+    fit, sample = fit_full, options.settings.sample
+    least = sample.min_samples * sample.min_steps  # of data of which a sample is less, however few its coefficients
+    may_sample = options.judges and options.policy is None and task.source.offsets[-1] > least
     if may_sample and sample.is_smaller_than(task.source.offsets, options.n_sampled_steps(task)):
         from rpil.estimators.passes import fit_sampled as fit
     with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot

@@ -21,7 +21,14 @@ from rpil.data.spaces import Discrete
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
 from rpil.numerics.blocks import at_actions, log_softmax, one_hot
-from rpil.numerics.regression import MIN_WEIGHT, error_scale, normal_equations, solve_ridge, student_log_densities
+from rpil.numerics.regression import (
+    MIN_WEIGHT,
+    error_scale,
+    medians,
+    normal_equations,
+    solve_ridge,
+    student_log_densities,
+)
 from rpil.numerics.types import Array, Float, Int
 from rpil.policies.folds import deal, out_of_fold
 
@@ -193,9 +200,8 @@ def held_out_model(data: FitData, settings: HeldOutSettings) -> HeldOutSoftmax |
 
 def indicators(data: FitData) -> Float[Array, "N J"]:
     """The actions as the policy sees them: scaled numbers, or an indicator of each class."""
-    if isinstance(data.space, Discrete):
-        return np.eye(data.space.n)[data.actions]
-    return ActionScale.of(data)(data.actions)
+    space, actions = data.space, data.actions
+    return np.eye(space.n)[actions] if isinstance(space, Discrete) else ActionScale.of(data)(actions)
 
 
 def log_densities(errors: Float[Array, "N A"], weight: Float[Array, " N"], settings: HeldOutSettings) -> Array:
@@ -211,7 +217,7 @@ def log_reference(data: FitData, group: Array, settings: HeldOutSettings, best: 
     if isinstance(data.space, Discrete):
         return np.asarray(np.log(frequencies(data, weight))[data.actions])
     actions, own, errors = ActionScale.of(data)(data.actions), weight > 0, settings.errors
-    each = log_densities(actions - np.median(actions[own], axis=0), weight, settings)
+    each = log_densities(actions - medians(actions[own].T), weight, settings)
     if best:
         mean, scale = actions[own].mean(axis=0), actions[own].std(axis=0) + errors.min_scale
         by_mean = student_log_densities(actions - mean, scale, errors)

@@ -106,7 +106,6 @@ def thinned(data: FitData, max_steps: int) -> FitData:
     k = -(-len(data.actions) // max_steps)
     if k < 2:
         return data
-    own = np.arange(len(data.actions)) - np.repeat(data.offsets[:-1], data.lengths)
-    rows = np.flatnonzero(own % k == 0)
+    rows = np.flatnonzero((np.arange(len(data.actions)) - np.repeat(data.offsets[:-1], data.lengths)) % k == 0)
     offsets = np.concatenate([[0], np.cumsum(-(-data.lengths // k))])
     return replace(data, features=data.features[rows], actions=data.actions[rows], offsets=offsets)

@@ -33,7 +33,7 @@ from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
 from rpil.inference.trimming import choose_ridge
 from rpil.inference.trust import Judgement
-from rpil.numerics.regression import error_scale, student_log_densities
+from rpil.numerics.regression import error_scale, medians, student_log_densities
 from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.results.answering import rank_demonstrators, rejecting_rules, shown_proba, verdicts_of, with_answers
 from rpil.results.judged import AuditSettings, Interval
@@ -203,7 +203,7 @@ class StepEvidence:
         # d_j, with the scale of the errors of the rest
         scaling, errors = ActionScale.of(data), settings.errors
         actions = scaling(data.actions)
-        away, middle = actions - (expected - scaling.location) / scaling.spread, np.median(actions, axis=0)
+        away, middle = actions - (expected - scaling.location) / scaling.spread, medians(actions.T)
         scale = error_scale(away, data.per_step(rest.astype(float)), errors)
         width = error_scale(actions - middle, np.ones(len(actions)), errors)
         log_ratio = student_log_densities(away, scale, errors) - student_log_densities(actions - middle, width, errors)
