@@ -185,8 +185,8 @@ def _measure(
 ) -> tuple[dict[Measure, tuple[Array, ...]], Bool[Array, " M"], list[Fault]]:
     """Measures of the demonstrations without missing values, block by block; a mask of these demonstrations;
     and what is missing in the others."""
-    parts: dict[Measure, list[tuple[Array, ...]]] = {Duplicate.measure: []}
-    parts |= {rule.measure: [] for rule in COMPARING}
+    measures = dict.fromkeys([Duplicate.measure, *(rule.measure for rule in COMPARING)])
+    joined, n = dict[Measure, tuple[Array, ...]](), 0  # one array for all blocks: a list of theirs would leave gaps
     masks, missing = list[Bool[Array, " M"]](), list[Fault]()
     for shard in demonstrations.shards(1, settings.CACHE_STEPS):
         for whole in shard:
@@ -197,10 +197,14 @@ def _measure(
                 missing += recorded.MissingValues.find(whole, demonstrations.ids, labels, seconds)
             if kept.any():
                 moving = MovingBlock.of(block, whole.first + np.flatnonzero(kept), learned.columns)
-                for measure, found in parts.items():
-                    found.append(measure(moving, learned))
-    joined = {measure: tuple(map(np.concatenate, zip(*parts.pop(measure), strict=True))) for measure in [*parts]}
-    return joined, np.concatenate(masks), missing
+                for measure in measures:
+                    found, n_all = measure(moving, learned), len(demonstrations)
+                    if measure not in joined:
+                        joined[measure] = tuple(np.empty_like(x, shape=(n_all, *x.shape[1:])) for x in found)
+                    for every, x in zip(joined[measure], found, strict=True):
+                        np.copyto(every[n : n + len(x)], x)
+                n += int(kept.sum())
+    return {measure: tuple(x[:n] for x in every) for measure, every in joined.items()}, np.concatenate(masks), missing
 
 
 def without_consequences(findings: Iterable[Fault]) -> list[Fault]:

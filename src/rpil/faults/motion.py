@@ -11,7 +11,7 @@ from rpil.data.text import counted
 from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock, means
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
-from rpil.faults.still import largest, next_largest, runs_of
+from rpil.faults.still import largest, next_largest
 from rpil.faults.tracking import misfits, parts_of, relation
 from rpil.numerics.types import Array
 
@@ -125,7 +125,7 @@ class RepeatedFrames(ComparingRule):
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """The first three of `between`; and, of rows that repeat the action as well, the others."""
         columns, offsets, size = block.columns, block.offsets, block.size[: (~block.columns.is_action).sum()]
-        changed: Array = (size > 0).any(axis=0)
+        changed: Array = np.any(size > 0, axis=0)
         least = settings.REPEAT_MOTION * columns.motion
         of_states = RepeatedFrames.between(changed, block.motion > least, offsets)
         # A state that rests does not begin to move in the step in which the action changes, but after it.
@@ -138,7 +138,13 @@ class RepeatedFrames(ComparingRule):
     def between(changed: Array, moves: Array, offsets: Array) -> tuple[Array, ...]:
         """Repeated rows between rows that move; the first step and the length of the longest repetition; and the length
         of the next."""
-        runs, starts, bounds = runs_of(changed[None], offsets)
+        changed = changed.copy()
+        changed[offsets[:-1]] = True
+        if changed.all():
+            nothing = np.zeros(len(offsets) - 1, dtype=int)
+            return nothing, nothing + 1, nothing, nothing
+        starts = np.flatnonzero(changed)
+        runs, bounds = np.diff(starts, append=len(changed)), np.searchsorted(starts, offsets[:-1])
         is_first = np.zeros(len(starts), dtype=bool)
         is_first[bounds] = True
         after = np.append(starts[1:], 0)

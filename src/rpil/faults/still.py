@@ -191,16 +191,6 @@ def longest_runs(
     return n, first, length
 
 
-def runs_of(changed: Bool[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Array, Array, Array]:
-    """Lengths and first positions, in the flattened array, of all runs without a change; and the number of the first
-    run of each column and demonstration. A run ends with its demonstration."""
-    changed = changed.copy()
-    changed[:, offsets[:-1]] = True
-    starts = np.flatnonzero(changed)
-    first = np.arange(len(changed))[:, None] * changed.shape[1] + offsets[:-1]
-    return np.diff(starts, append=changed.size), starts, np.searchsorted(starts, first.ravel())
-
-
 def parts(rows: Bool[Array, " T"], offsets: Int[Array, " _"]) -> tuple[Int[Array, " R"], Int[Array, " R"]]:
     """The first row of each run of True, and the one after its last; a run ends with its demonstration."""
     begins, ends = rows.copy(), rows.copy()

@@ -156,9 +156,8 @@ class Layout:
         may_be_class = columns.one_action and not (len(of_list) > 1 or (of_list and own_type.kind == "f"))
         if n_parts == 1 and (may_be_class or columns.options.action_kind == "discrete"):
             n_parts, action = 0, action if own_type.kind == "f" else own_type
-        has_lists = any(len({*parts} & {*seen}) > 1 for parts in columns.lists.values())
         allows_missing = columns.options.allow_missing or columns.options.skip_bad is True
-        order: Literal["F", "C"] = "C" if has_lists else "F"
+        order: Literal["F", "C"] = "C" if any(len({*parts} & {*seen}) > 1 for parts in columns.lists.values()) else "F"
         kind = columns.options.action_kind
         return cls(_shown(seen), _shown(acted), observation, action, n_parts, order, allows_missing, kind)
 
@@ -218,17 +217,14 @@ class Shard:
     layout: Layout
     bounds: tuple[int, ...]  # number of the first demonstration of each block, and of the one after the last
 
-    @property
-    def demonstrations(self) -> slice:
-        """Numbers of its demonstrations."""
-        return slice(self.bounds[0], self.bounds[-1])
-
     def __iter__(self) -> Iterator[Block]:
-        for first, end in itertools.pairwise(self.bounds):
-            offsets = self.steps.offsets[first - self.bounds[0] : end - self.bounds[0] + 1]
-            block = Block(first, *self.layout.empty(int(offsets[-1] - offsets[0])), offsets - offsets[0])
-            self.layout.write(self.steps, int(offsets[0]), block.observations, block.actions)
-            yield block
+        steps, bounds = self.steps.offsets, np.array(self.bounds) - self.bounds[0]
+        (groups,) = shard_bounds(steps[bounds] - steps[0], 1, BLOCK_STEPS)  # small blocks are read together
+        for own in (bounds[a : b + 1] for a, b in itertools.pairwise(groups)):
+            offsets = steps[own[0] : own[-1] + 1] - steps[own[0]]
+            block = Block(self.bounds[0] + int(own[0]), *self.layout.empty(int(offsets[-1])), offsets)
+            self.layout.write(self.steps, int(steps[own[0]]), block.observations, block.actions)
+            yield from itertools.starmap(block.part, itertools.pairwise((own - own[0]).tolist()))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

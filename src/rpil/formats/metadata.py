@@ -24,7 +24,7 @@ from rpil.data.text import EPISODE, TIMESTAMP, plain_name
 from rpil.formats.columns import LENGTH, Columns
 from rpil.formats.parquet_file import read_table
 from rpil.formats.steps import Steps
-from rpil.formats.table import encoded, first_rows, numbers_or_missing, order_values
+from rpil.formats.table import BATCH_ROWS, encoded, first_rows, numbers_or_missing, order_values
 from rpil.numerics.types import Array, Float
 
 MAX_NAMES = 20
@@ -131,7 +131,9 @@ class Clock:
 
     def seconds(self, offsets: Array) -> tuple[float | None, float | None]:
         """Duration of all demonstrations in seconds, and steps a second; None where they are not known."""
-        lengths, step = self.lengths(offsets), usual_step(np.diff(self.ticks))
+        some = range(0, len(self.ticks), BATCH_ROWS * -(-len(self.ticks) // (16 * BATCH_ROWS)))  # of very many
+        steps = np.concatenate([np.diff(self.ticks[a : a + BATCH_ROWS + 1]) for a in some])
+        lengths, step = self.lengths(offsets), usual_step(steps)
         if self.unit is None or step is None or not np.all(lengths >= 0):
             return None, None
         return float(lengths.sum() * self.unit), 1 / (step * self.unit)
@@ -153,16 +155,19 @@ def find_clock(steps: Steps, columns: Columns) -> Clock | None:
     table = steps.read([*columns.orders, *named, *columns.times])  # the likeliest first
     for name in table.column_names:
         missing = np.asarray(table[name].is_null(nan_is_null=True).to_numpy(), dtype=bool)
-        values = order_values(table[name].filter(~missing))
+        values = order_values(table[name].filter(~missing) if missing.any() else table[name])
         if values is None or not len(values):
+            continue
+        unit, is_named = unit_of(name, table[name].type, values), plain_name(name) in TIMESTAMP
+        if unit is None and (found or not is_named):
             continue
         ticks = np.full(len(missing), np.nan)
         ticks[~missing] = values - values.min()
-        clock, is_named = Clock(ticks, unit_of(name, table[name].type, values)), plain_name(name) in TIMESTAMP
-        if clock.unit is None:
-            found = found or (clock if is_named else None)
-        elif is_named or ((np.diff(ticks) > 0).any() and not (clock.lengths(steps.offsets) < 0).any()):
+        clock = Clock(ticks, unit)
+        goes_on = is_named or ((np.diff(ticks) > 0).any() and not (clock.lengths(steps.offsets) < 0).any())
+        if unit is not None and goes_on:
             return clock
+        found = clock if unit is None else found
     return found
 
 
@@ -173,7 +178,7 @@ def unit_of(name: str, kind: pa.DataType, values: Array) -> float | None:
     words = plain_name(name).split("_")
     if words[-1] in _SECONDS and len(words) > 1:
         return _SECONDS[words[-1]]
-    largest = float(np.abs(values).max())
+    largest = max(float(values.max()), -float(values.min()))
     for limit, unit in ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3)):
         if largest > limit:
             return unit

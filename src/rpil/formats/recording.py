@@ -122,7 +122,8 @@ class Recording:
     def times(self) -> Times:
         """The statements of the file on its own times and lengths."""
         metadata = self.origin.metadata
-        seconds = None if self.clock is None else self.clock.ticks * (self.clock.unit or 1.0)
+        ticks, unit = (self.clock.ticks, self.clock.unit or 1.0) if self.clock else (None, 1.0)
+        seconds = ticks if ticks is None or unit == 1.0 else ticks * unit  # one copy in memory
         return Times(seconds, metadata.fps, metadata.lengths)
 
     def step_columns(self, steps: slice) -> pa.Table | None:
