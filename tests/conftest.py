@@ -54,6 +54,12 @@ def chromium(tmp_path_factory):
 
 
 @pytest.fixture
+def current_folder(tmp_path, monkeypatch):
+    """A current folder for each test."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
 def interruptible():
     """Processes that a test starts obey SIGINT, also where this one ignores it, as after ``nohup`` or ``&``: who
     ignores a signal hands that on, and who has a handler does not."""

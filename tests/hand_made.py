@@ -92,4 +92,4 @@ def scores_of(scoring: Scoring, score: Any, p_two: float, deviation: float = 0.1
     fit = TrimmedFit(log_prob, score > 0.5, scoring.ridge, np.zeros(1))
     fields = {"step_variance": 1.0, "state_predicts_action": True}
     groups = groups_of(p_two, deviation=deviation)
-    return Scores(score, np.full(len(score), 1e-4), groups=groups, fit=fit, **(fields | other))
+    return Scores(score, np.full(len(score), 1e-4), np.zeros(len(score)), groups=groups, fit=fit, **(fields | other))

@@ -15,17 +15,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpil.cli.questions.server import Gate, Review, application, listen, load_server
+from rpil.cli.questions.server import Gate, Review, application, listen
 from rpil.cli.questions.session import EpisodeVideos, Session
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import MissingExtraError
+from rpil.data.errors import MissingExtraError, optional
 from rpil.results.html.page import About
 
 
 def need_server():
     """Skip the tests of a module where the extra is not installed."""
     try:
-        load_server()
+        optional("starlette", "To review on a page", "review")
     except MissingExtraError as error:
         pytest.skip(str(error), allow_module_level=True)
 
@@ -99,7 +99,7 @@ def serving(review):
     import uvicorn
 
     with listen(0) as at:
-        gate = Gate.new(at.getsockname()[1])
+        gate = Gate(at.getsockname()[1])
         config = uvicorn.Config(
             application(review, gate), log_level="warning", ws="none", lifespan="off", timeout_graceful_shutdown=1
         )

@@ -31,13 +31,6 @@ ROOMS = {
 ROOMS["cli"] = set(ROOMS)
 """Every room, and the rooms that it may import from."""
 
-MAX_LINES = 350
-
-
-def module_name(path: Path, root: Path = ROOT) -> str:
-    """``rpil.room.file`` of a file, a package by its own name."""
-    return ".".join(("rpil", *path.relative_to(root).with_suffix("").parts)).removesuffix(".__init__")
-
 
 def imported(source: str, modules: set[str], module: str, is_package: bool = False) -> set[str]:
     """The modules of rpil among `modules` that a file imports anywhere: at the top, in a function, for type checkers.
@@ -60,7 +53,8 @@ def imported(source: str, modules: set[str], module: str, is_package: bool = Fal
 @cache
 def graph(root: Path = ROOT) -> dict[str, set[str]]:
     """The imports of every file in a room: ``rpil/__init__.py`` names everything, ``__main__.py`` is the command."""
-    files = {module_name(path, root): path for path in root.rglob("*.py")}
+    names = {path: ".".join(("rpil", *path.relative_to(root).with_suffix("").parts)) for path in root.rglob("*.py")}
+    files = {name.removesuffix(".__init__"): path for path, name in names.items()}
     return {
         name: imported(path.read_text(), set(files), name, path.name == "__init__.py")
         for name, path in files.items()
@@ -181,7 +175,7 @@ def test_tests_mirror_the_rooms():
 
 def test_files_are_short_and_types_precise():
     files = [path for root in (ROOT, Path(__file__).parent) for path in root.rglob("*.py")]
-    assert [path for path in files if len(path.read_text().splitlines()) > MAX_LINES] == []
+    assert [path for path in files if len(path.read_text().splitlines()) > 350] == []
     assert sum(len(re.findall(r"\bAny\b", path.read_text())) for path in ROOT.rglob("*.py")) <= MAX_ANY
     assert "strict = true" in (ROOT.parents[1] / "pyproject.toml").read_text()
 

@@ -19,23 +19,23 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (2306, 22),
-    "data": (2568, 28),
-    "estimators": (1964, 18),
+    "cli": (2233, 22),
+    "data": (2502, 28),
+    "estimators": (1906, 18),
     "faults": (2983, 122),
-    "formats": (5441, 57),
-    "inference": (2197, 92),
+    "formats": (5359, 57),
+    "inference": (2196, 92),
     "mixture": (797, 20),
-    "numerics": (585, 16),
-    "policies": (1270, 49),
-    "results": (2588, 44),
+    "numerics": (584, 16),
+    "policies": (1267, 49),
+    "results": (2499, 44),
     "scale": (593, 20),
     "segments": (499, 19),
     "simulation": (408, 0),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 24_310, 2_071, 24_000
+LINES, PAGE_LINES, TEST_LINES = 23_937, 2_071, 23_995
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import runpy
-import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
 TOOL = runpy.run_path(str(Path(__file__).parents[1] / "tools" / "mutants.py"))
-
-
-def changes(source):
-    return {(old, new) for _, old, new, _ in TOOL["mutants"](source, False)}
 
 
 @pytest.mark.parametrize(
@@ -27,7 +23,7 @@ def changes(source):
         ("x = a and b", {("a and b", "a or b")}),
         ("x = 5", {("5", "6"), ("5", "10")}),
         ("x = True", {("True", "False")}),
-        ("x = zip(a, b, strict=True)", set()),
+        ("x = zip(a, b, strict=True)", set()), ("if TYPE_CHECKING:\n    x = 1", set()),
         ("x = np.min(a)", {("np.min", "np.max")}),
         ("def f():\n    'text'\n    return a", {("return a", "return None")}),
         ("def f(x: A[2]) -> B[3]:\n    return x == y", {
@@ -35,46 +31,37 @@ def changes(source):
     ],
 )  # fmt: skip
 def test_mutants_of(source, expected):
-    assert changes(source) == expected
+    assert {(old, new) for _, old, new, _ in TOOL["mutants"](source)} == expected
 
 
-def test_equivalent_mutants_exist_and_are_explained():
-    every = set()
-    for module in {name.partition(": ")[0] for name in TOOL["EQUIVALENT"]}:
+def test_explained_survivors_exist():
+    for module, explained in tomllib.loads(TOOL["SURVIVORS"].read_text(encoding="utf-8")).items():
         source = TOOL["path_of"](module).read_text()
         code = source.splitlines()
-        every |= {f"{module}: {code[line - 1].strip()}: {a} -> {b}" for line, a, b, _ in TOOL["mutants"](source, False)}
-    assert {*TOOL["EQUIVALENT"]} <= every
-    assert all(why.endswith(".") for why in TOOL["EQUIVALENT"].values())
+        every = {f"{code[line - 1].strip()}: {old} -> {new}" for line, old, new, _ in TOOL["mutants"](source)}
+        assert {*explained} <= every
+        assert all(why.endswith(".") for why in explained.values())
 
 
-def test_each_module_has_its_own_tests_and_those_beside():
-    tests, named = TOOL["ROOT"] / "tests", {}
-    for module in TOOL["ROOMS"]:
-        assert TOOL["path_of"](module).is_file()
-        files = [name for name in TOOL["tests_of"](module) if name.endswith(".py")]
-        named[module] = [Path(name).relative_to(tests).as_posix() for name in files]
-        assert all(map(Path.is_file, map(Path, files)))
-    assert named["choice"] == ["results/test_choice.py", "cli/test_keep.py"]
-    assert named["trust"] == ["inference/test_trust.py"]
-    assert {"inference/test_outliers.py", "inference/test_trust.py"} <= {*named["outliers"]}
-    assert TOOL["tests_of"]("answering")[-2:] == ["-m", "not slow"]
+def test_a_mutant_meets_the_tests_that_call_its_function_or_read_its_constant():
+    module = "numerics/parallel"
+    source = TOOL["path_of"](module).read_text().splitlines()
+    constant = next(k for k, line in enumerate(source, 1) if line.startswith("THREADING_MIN_SIZE"))
+    first, last, _ = next(own for own in TOOL["library"]()[module] if "THREADING_MIN_SIZE" in own[2])
+    calls = {
+        "tests/cli/test_main.py::test_calls": [0.1, [f"{module}:{first}"]],
+        "tests/numerics/test_newton.py::test_calls": [0.1, [f"{module}:{first}"]],
+        "tests/numerics/test_newton.py::test_calls_another": [0.1, [f"numerics/blocks:{first}"]],
+        "tests/numerics/test_parallel.py::test_in_a_process": [0.1, []],
+        "tests/cli/test_main.py::test_takes_long": [9.9, [f"{module}:{first}"]],
+    }
+    names = ["test_in_a_process", "test_calls", "test_calls"]
+    for line in (constant, last):
+        assert [test.partition("::")[2] for test in TOOL["callers"](module, line, calls, 10.0)] == names
 
 
-def test_every_night_takes_every_room_and_a_room_takes_its_modules():
-    root = TOOL["ROOT"]
-    text = (root / ".github" / "workflows" / "nightly.yml").read_text()
-    listed = text.partition("room: [")[2].partition("]")[0].split(", ")
-    assert sorted(listed) == sorted(path.parent.name for path in (root / "src" / "rpil").glob("*/__init__.py"))
-    assert {"numerics/blocks", "numerics/newton"} <= {*TOOL["modules_of"]("numerics")}
-    assert {*TOOL["JUDGE"], "inference/findings"} <= {*TOOL["modules_of"]("inference")}
-
-
-@pytest.mark.parametrize(
-    ("module", "remedy"), [("results/nothing", "write ROOM/NAME"), ("results/judged", "name some with --tests")]
-)
-def test_a_module_without_a_file_or_tests_is_refused(module, remedy, monkeypatch):
-    """Without files pytest would run every test of the library on each mutant."""
-    monkeypatch.setattr(sys, "argv", ["mutants.py", "--modules", module])
-    with pytest.raises(SystemExit, match=remedy):
-        TOOL["main"]()
+def test_every_night_takes_every_room():
+    text = (TOOL["ROOT"] / ".github" / "workflows" / "nightly.yml").read_text()
+    assert sorted(text.partition("room: [")[2].partition("]")[0].split(", ")) == TOOL["ROOMS"]
+    assert {"mixture/em", "mixture/adversaries/box"} <= {*TOOL["modules_of"]("mixture")}
+    assert TOOL["drawn"]("numerics", 0, 3) == TOOL["drawn"]("numerics", 0, 3) != TOOL["drawn"]("numerics", 1, 3)

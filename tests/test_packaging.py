@@ -20,8 +20,6 @@ ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 OPTIONAL = PROJECT["optional-dependencies"]
 FOR_USERS = set(OPTIONAL) - {"all", "dev", "docs", "value"}
-PACKAGES = {"sklearn": "scikit-learn"}
-"""Modules whose packages have other names."""
 
 
 def packages(requirements):
@@ -39,7 +37,7 @@ def imported(source: str) -> tuple[set[str], set[str]]:
             elif isinstance(node, ast.ImportFrom) and not node.level:
                 names.add(str(node.module).partition(".")[0])
     foreign = (names - sys.stdlib_module_names - {"rpil"} for names in found)
-    first, every = ({PACKAGES.get(name, name.replace("_", "-")) for name in names} for names in foreign)
+    first, every = ({{"sklearn": "scikit-learn"}.get(n, n.replace("_", "-")) for n in names} for names in foreign)
     return first, every
 
 

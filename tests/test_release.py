@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
-TOOL = runpy.run_path(str(ROOT / "tools" / "release.py"))
+TOOL = runpy.run_path(str(Path(__file__).parents[1] / "tools" / "release.py"))
 
 
 @pytest.mark.parametrize(

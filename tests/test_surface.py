@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
-TOOL = runpy.run_path(str(ROOT / "tools" / "public_surface.py"))
+TOOL = runpy.run_path(str(Path(__file__).parents[1] / "tools" / "public_surface.py"))
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
 from rpil.results.answering import with_answers
-from rpil.results.choice import Asked, choose
+from rpil.results.choice import choose
 from rpil.results.vocabulary import SIDES
 from value.information import information, scaled
 from value.worlds import World
@@ -118,7 +118,7 @@ def keep(known: Known, share: float | None = None) -> Array:
 
 def what_is_kept(judged: Judged, audit: Audit, share: float | None = None) -> Array:
     """What ``rpil keep`` writes of an audit."""
-    kept: set[Hashable] = set(choose(audit.table(), Asked(share=share)).kept)
+    kept: set[Hashable] = set(choose(audit.table(), share).kept)
     return judged.per_step([name in kept for name in audit.ids])
 
 

@@ -161,9 +161,12 @@ def test_a_folder_of_figures_has_one_commit(tmp_path, monkeypatch, out):
         page([first, second | {"commit": "0123456789ab"}])
 
 
-def test_a_night_has_cells_of_each_world():
+def test_a_night_has_cells_of_each_world_whose_files_are_there(tmp_path, monkeypatch, capsys):
     assert set(TELLING) == set(WORLDS)
     assert all(set(cells) <= set(WORLDS[name].cells) for name, cells in TELLING.items())
+    monkeypatch.setenv("RPIL_DATA", str(tmp_path))
+    main(["night", "--json", str(tmp_path), "--quick"], {"overcooked": WORLDS["overcooked"]})
+    assert "overcooked is left out: it needs " in capsys.readouterr().err
 
 
 def test_differences_are_paired_and_their_intervals_are_students():

@@ -14,7 +14,6 @@ import pytest
 import results
 from provenance import line, provenance
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 ORIGIN = {
     "commit": "0123456789ab",
     "dirty": False,
@@ -80,7 +79,7 @@ def test_finished_figures_of_the_same_commit_are_not_made_again(made, capsys):
 
 def test_provenance_names_the_commit_and_no_machine():
     found = provenance("1000 to 1009")
-    command = ["git", "-C", str(BENCHMARKS), "rev-parse", "HEAD"]
+    command = ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"]
     head = subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
     assert (found["commit"] or "") == head[:12]
     assert found["python"] == platform.python_version()

@@ -19,10 +19,3 @@ def test_the_page_has_each_row_with_its_goal_and_one_commit():
         assert goal == ("" if goals[key] is None else f"{goals[key]:g}")
         assert bool(bold) == bool(goal and found != "not measured" and float(found) > float(goal))
     assert len(re.findall(r"^\*commit [0-9a-f]{12}, ", PAGE, re.MULTILINE)) == 1
-
-
-def test_the_page_shows_what_misses_its_goal():
-    origin = {"commit": "1", "dirty": False, "date": "", "seeds": 0, "cores": 1, "system": "", "python": ""}
-    result = {"rows": ["D"], "D": 3.0, "details": {}, "provenance": origin | {"packages": {}}}
-    assert "| D | a pass over two matrix products | **3** | 2 |" in speed.page(result)
-    assert "| D | a pass over two matrix products | 1.5 | 2 |" in speed.page(result | {"D": 1.5})

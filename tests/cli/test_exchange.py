@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import rpil
@@ -141,6 +142,9 @@ def test_sarif_names_the_file_of_a_folder_and_its_row(tmp_path):
     place = result["locations"][0]["physicalLocation"]
     assert place["artifactLocation"]["uri"].endswith("set/data/chunk-000/file-001.parquet")
     assert place["region"]["startLine"] == 30 + 2 + 1
+    Path("a.csv").write_text("episode,x,action\n" + "".join(f"{k // 3},{k},0\n" for k in range(9)))
+    (text,) = of_faults([replace(fault, id="", ids=(2, 0))], rpil.open("a.csv"))
+    assert text.line == 3 * 2 + 2 + 2  # below its head
 
 
 def test_sarif_and_markdown_of_an_audit(folder):

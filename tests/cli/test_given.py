@@ -140,4 +140,4 @@ def test_a_missing_value_is_described_and_refused(folder):
     result = call("info", "b.csv")
     assert result.exit_code == 2
     assert "Missing values:\n  x: 1" in result.stdout
-    assert "demonstration 0, row 2: column 'x' has no value; fill it in, or read with --skip-bad." in result.stderr
+    assert "0, row 2: column 'x' has no value; fill it in, or read with --exclude or --skip-bad." in result.stderr

@@ -33,8 +33,6 @@ FILES = {
     "who.csv": "id,demonstrator\n0,Ann\n77,Ann\n",
 }
 """What a user has written, by name."""
-INPUT = {"label": "s\nb it stalls\nz\ng\nq\n"}
-"""What is typed into a command that asks."""
 
 
 def prepare() -> None:
@@ -50,7 +48,7 @@ def prepare() -> None:
 def run(command: str) -> str:
     """A command as it is typed, and what it prints; lines of stderr begin with "!"."""
     words = shlex.split(command)[1:]
-    result = CliRunner().invoke(main, words, obj=FAST, input=INPUT.get(words[0]))
+    result = CliRunner().invoke(main, words, obj=FAST, input={"label": "s\nb it stalls\nz\ng\nq\n"}.get(words[0]))
     said = [*result.stdout.splitlines(), *(f"! {line}" for line in result.stderr.splitlines())]
     code = [f"exit code {result.exit_code}"] * (result.exit_code != 0)
     return "\n".join([f"$ {command}", *said, *code, ""])

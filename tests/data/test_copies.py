@@ -8,13 +8,11 @@ import pytest
 from rpil.data.copies import Copies, copies_among, digests
 from rpil.data.demonstrations import Demonstrations
 
-LENGTHS = {"a": 3, "b": 2, "c": 4}
-
 
 def named(letters, whole=False):
     """A demonstration for each letter, the same for the same letter."""
     episodes = {}
-    for letter, length in LENGTHS.items():
+    for letter, length in {"a": 3, "b": 2, "c": 4}.items():
         values = np.random.default_rng(ord(letter)).normal(size=(length, 2))
         episodes[letter] = (np.round(10 * values) if whole else values), np.arange(length)
     return Demonstrations.from_episodes([episodes[letter] for letter in letters])

@@ -6,11 +6,10 @@ from rpil.data.demonstrations import Demonstrations
 
 X = np.arange(10.0).reshape(5, 2)
 Y = np.array([0, 1, 1, 0, 2])
-OFFSETS = [0, 2, 5]
 
 
 def small(**changes):
-    arguments = {"observations": X, "actions": Y, "offsets": OFFSETS, "ids": ["a", "b"], "source": "x.npz"} | changes
+    arguments = {"observations": X, "actions": Y, "offsets": [0, 2, 5], "ids": ["a", "b"], "source": "x.npz"} | changes
     return Demonstrations(**arguments)
 
 

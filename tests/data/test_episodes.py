@@ -48,14 +48,13 @@ def test_forms_of_an_episode(episode):
     assert (d.ids, d.lengths.tolist(), d.observation_names) == (("a", "b"), [4, 2], ("0", "1", "2"))
 
 
-PARTS = {"qpos": X, "goal": {"at": X[:, :1], "near": np.array([True, False, True, True, False])}}
 NAMES = ("qpos.0", "qpos.1", "qpos.2", "goal.at", "goal.near")
 
 
 @pytest.mark.parametrize(
     ("observations", "names"),
     [
-        (PARTS, NAMES),
+        ({"qpos": X, "goal": {"at": X[:, :1], "near": np.array([True, False, True, True, False])}}, NAMES),
         ([{"qpos": x, "goal": {"at": x[:1], "near": near}} for x, near in zip(X, [1, 0, 1, 1, 0], strict=True)], NAMES),
         (DictObs({"a": X, "b": np.c_[X[:, 0], [1, 0, 1, 1, 0]]}), ("a.0", "a.1", "a.2", "b.0", "b.1")),
     ],

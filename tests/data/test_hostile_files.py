@@ -24,9 +24,7 @@ h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
 numcodecs = pytest.importorskip("numcodecs", reason="needs the extra zarr")
 
 READ, OPEN, LOAD = "rpil:read", "hostile:read_on_disk", "rpil:load"
-MODEL = Path(__file__).parents[1] / "golden" / "discrete_judge.rpil"
 TABLE = {"episode_index": [0, 0, 1], "observation.x": [1.0, 2.0, 3.0], "action": [0, 1, 0]}
-NOT_UNICODE = np.array([0x110000, 97, 98], dtype=np.uint32).view("U1")
 GIANT = (7 * 10**9 // 8 // 2, 2)  # of float64: 7 GB
 
 
@@ -36,7 +34,7 @@ def npz(**changes):
 
 
 def model(path):
-    shutil.copyfile(MODEL, path)
+    shutil.copyfile(Path(__file__).parents[1] / "golden" / "discrete_judge.rpil", path)
 
 
 def giant(write, member, method=zipfile.ZIP_STORED):
@@ -104,10 +102,6 @@ def long_csv_id(path):
     path.write_text("episode_index,observation.x,action\n" + rows)
 
 
-def text(content):
-    return lambda path: path.write_text(content)
-
-
 FILES = {
     "giant-observations.npz": (giant(npz(), "observations.npy", zipfile.ZIP_DEFLATED), READ),
     "giant-names.npz": (giant(npz(), "observation_names.npy", zipfile.ZIP_DEFLATED), READ),
@@ -118,12 +112,15 @@ FILES = {
     "constants.parquet": (constants, READ),
     "long-id.csv": (long_csv_id, READ),
     "long-id.parquet": (long_parquet_id, READ),
-    "code-point-of-action.npz": (npz(actions=NOT_UNICODE), READ),
+    "code-point-of-action.npz": (npz(actions=np.array([0x110000, 97, 98], dtype=np.uint32).view("U1")), READ),
     "trailing-nul.parquet": (parquet(episode_index=["a", "a\0", "a\0"]), READ),
     "empty-id.parquet": (parquet(episode_index=["", "", "b"]), READ),
     "large-id.parquet": (parquet(episode_index=np.array([2**63, 2**63, 1], np.uint64)), READ),
     "lists-of-ids-on-disk.parquet": (parquet(episode_index=[[0, 1], [0, 1], [1, 2]]), OPEN),
-    "digits-as-key.json": (text(json.dumps({"9" * 5000: 3})), "rpil.data.id_values:read_answers"),
+    "digits-as-key.json": (
+        lambda path: path.write_text(json.dumps({"9" * 5000: 3})),
+        "rpil.data.id_values:read_answers",
+    ),
 }
 BOTH = ("long-id", "trailing-nul", "empty-id", "large-id")
 """Files that are read into memory and left on disk."""
@@ -159,10 +156,6 @@ def zarr_store(ends=b"", action=b"", **changes):
                 (path / name / ("0" if len(about["shape"]) == 1 else "0.0")).write_bytes(content)
 
     return make
-
-
-def encoded(codec):
-    return lambda: codec.encode(np.zeros(ZEROS, np.uint8))
 
 
 def zarr_3(path):
@@ -282,7 +275,10 @@ SIZES = {
     "gzip.zarr": (zarr_store(action=lambda: zeros(31), compressor={"id": "gzip", "level": 1}), READ),
     "gzip-ends.zarr": (zarr_store(ends=lambda: zeros(31)), READ),
     "gzip-3.zarr": (zarr_3, READ),
-    "blosc.zarr": (zarr_store(action=encoded(numcodecs.Blosc()), compressor={"id": "blosc"}), READ),
+    "blosc.zarr": (
+        zarr_store(action=lambda: numcodecs.Blosc().encode(np.zeros(ZEROS, np.uint8)), compressor={"id": "blosc"}),
+        READ,
+    ),
     "no-chunk.zarr": (zarr_store(shape=[40, 4 * 10**6], chunks=[1, 1]), READ),
     "wide-chunk.zarr": (zarr_store(chunks=[10**9, 3], action=lambda: zeros(31), compressor={"id": "gzip"}), READ),
     "many-rows.zarr": (no_chunk_of_many_rows, READ),

@@ -2,7 +2,8 @@ import pytest
 
 from rpil.data import memory
 from rpil.data.errors import DataError
-from rpil.data.memory import LARGEST_METADATA, parse, parse_lines, read_json, read_text
+from rpil.data.memory import LARGEST_METADATA, check_text, read_json, read_text
+from rpil.formats.metadata import MetaFolder
 
 
 def test_text_and_json_are_read_up_to_a_limit(tmp_path):
@@ -22,11 +23,13 @@ def test_a_file_with_a_hole_is_not_read_whole(tmp_path):
         read_json(path)
 
 
-def test_lines_of_json_hold_all_characters_but_ends_of_lines_and_a_text_not_too_many_lists(monkeypatch):
+def test_lines_of_json_hold_all_characters_but_ends_of_lines_and_a_text_not_too_many_lists(tmp_path, monkeypatch):
+    (tmp_path / "meta").mkdir()
     text = '{"task": "a\u2028b\x85c"}\r\n\n[1]\r'
-    assert parse_lines(text, "x.jsonl") == [{"task": "a\u2028b\x85c"}, [1]]
+    (tmp_path / "meta" / "tasks.jsonl").write_text(text, encoding="utf-8", newline="")
+    assert MetaFolder(tmp_path).rows("tasks") == [{"task": "a\u2028b\x85c"}, [1]]
     monkeypatch.setattr(memory, "MOST_LISTS", 2)
-    assert parse('{"a": []}', "x.json") == {"a": []}
+    check_text('{"a": []}', "x.json", LARGEST_METADATA)
     for text in ("[[], []]", b"[[{}]]"):
         with pytest.raises(DataError, match=r"x\.json: it holds more than 2 lists and objects"):
-            parse(text, "x.json")
+            check_text(text, "x.json", LARGEST_METADATA)

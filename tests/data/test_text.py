@@ -103,11 +103,6 @@ def test_columns_are_changed_as_cells_are():
         assert each_text(to_cell, other).equals(other)
 
 
-def cells(path):
-    with open(path, newline="", encoding="utf-8") as file:
-        return [cell for row in csv.reader(file) for cell in row]
-
-
 def demonstrations(ids):
     rng, owner = np.random.default_rng(0), np.repeat(np.array(ids), 4)
     return rpil.Demonstrations.from_groups(rng.normal(size=(len(owner), 2)), np.arange(len(owner)) % 3, owner)
@@ -119,7 +114,9 @@ def test_tables_come_back(tmp_path, actions):
     if actions:
         data = rpil.Demonstrations(data.observations, np.array(actions)[data.actions], data.offsets, data.ids)
     formats.write(tmp_path / "a.csv", data, {"operator": ["@Ann"] * len(data)})
-    assert not [cell for cell in cells(tmp_path / "a.csv") if cell.startswith(DANGER) and not _is_number(cell)]
+    with open(tmp_path / "a.csv", newline="", encoding="utf-8") as file:
+        cells = [cell for row in csv.reader(file) for cell in row]
+    assert not [cell for cell in cells if cell.startswith(DANGER) and not _is_number(cell)]
     recording = formats.read_recording(tmp_path / "a.csv")
     assert recording.demonstrations.ids == tuple(FORMULAS)
     np.testing.assert_array_equal(recording.demonstrations.actions, data.actions)

@@ -88,7 +88,7 @@ def test_answers_come_from_a_mapping_or_a_file(folder, tmp_path):
     words = [(ids[0], "Expert"), (ids[9], "bad"), (ids[1], f"better than {ids[8]}")]
     assert said(audit(folder / "drive.csv", words, **COLUMNS)) == expected
     assert expected["finding"] == "answered"
-    assert [file["path"] for file in from_file.provenance.files][1:] == [str(tmp_path / "labels.csv")]
+    assert [file["path"] for file in from_file.provenance["files"]][1:] == [str(tmp_path / "labels.csv")]
     without = audit(folder / "drive.csv", tmp_path / "labels.csv", without=ids[9], **COLUMNS)
     assert without.labelled == ids[:1]
 
@@ -111,11 +111,11 @@ def test_it_takes_what_is_in_memory(folder):
 def test_it_says_where_it_comes_from(folder):
     path = folder / "drive.csv"
     made = audit(path, random_state=2, **COLUMNS).provenance
-    assert made.command == f"rpil.audit({str(path)!r}, random_state=2, id='trip', action='steer')"
-    assert made.seed == 2
-    assert made.files[0]["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
-    assert made.settings == {"judge.groups.noise_shares": "(0.1,)"}
-    assert audit(rpil.read(path, **COLUMNS)).provenance.files == ()
+    assert made["command"] == f"rpil.audit({str(path)!r}, random_state=2, id='trip', action='steer')"
+    assert made["seed"] == 2
+    assert made["files"][0]["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert made["settings"] == {"judge.groups.noise_shares": "(0.1,)"}
+    assert audit(rpil.read(path, **COLUMNS)).provenance["files"] == []
 
 
 @pytest.mark.parametrize(

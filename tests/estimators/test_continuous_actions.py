@@ -18,8 +18,7 @@ from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 
-STEPS = (40, 60)
-MANY: dict[str, Any] = {"n_good": 10, "n_bad": 10, "steps": STEPS}
+MANY: dict[str, Any] = {"n_good": 10, "n_bad": 10, "steps": (40, 60)}
 
 
 def test_experts_with_actions_on_the_bounds_of_the_box_are_trusted():

@@ -9,7 +9,6 @@ import rpil
 
 N_DEMONSTRATIONS, LENGTH = 24, 80
 N = N_DEMONSTRATIONS * LENGTH
-IDS = np.repeat(np.arange(N_DEMONSTRATIONS), LENGTH)
 
 
 KINDS = {
@@ -25,6 +24,6 @@ def test_a_part_of_few_values_teaches_something_where_it_follows_the_state_alone
     rng = np.random.default_rng(0)
     seen = rng.normal(size=(N, 4))
     actions = np.stack([rng.uniform(-1, 1, N), KINDS[kind](rng, seen)], axis=1)
-    audit = rpil.RPIL().fit(seen, actions, IDS).audit_
+    audit = rpil.RPIL().fit(seen, actions, np.repeat(np.arange(N_DEMONSTRATIONS), LENGTH)).audit_
     assert (audit.finding == "nothing could be learned") == (kind != "follows the state")
     assert kind == "follows the state" or {*audit.verdicts} == {"open"}

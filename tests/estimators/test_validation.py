@@ -12,8 +12,6 @@ from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
 
-ESTIMATORS = [RPIL(), BehavioralCloning(), RMEnt()]
-
 
 @pytest.mark.parametrize(
     ("box", "words"),
@@ -32,7 +30,7 @@ def test_action_box_that_does_not_fit_is_refused_in_one_sentence(box, words):
         RPIL(action_box=box).fit(toy.demonstrations)
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda e: type(e).__name__)
+@pytest.mark.parametrize("estimator", [RPIL(), BehavioralCloning(), RMEnt()], ids=lambda e: type(e).__name__)
 def test_invalid_continuous_actions_are_refused_in_one_sentence(estimator):
     toy = make_continuous("random", 0)
     same = Demonstrations(toy.observations, np.full_like(toy.actions, 0.5), toy.offsets)

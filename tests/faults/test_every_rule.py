@@ -20,10 +20,6 @@ WHOLE, SECOND = (0, T - 1), np.array([1, -1, 1])
 HIGH = max(x[:, 1].max() for x, _ in CLEAN)
 
 
-def delayed(values, steps):
-    return values[np.clip(np.arange(len(values)) - steps, 0, len(values) - 1)]
-
-
 def of_rows(rows):
     return {"observations": X[rows], "actions": A[rows]}
 
@@ -64,7 +60,7 @@ PLANTED = {
         *(WHOLE, "observation 1", "399 times smaller than usual: perhaps another unit, perhaps little", 31.680180),
     ),
     "lag": (
-        {"actions": delayed(A, 4)},
+        {"actions": A[np.maximum(np.arange(T) - 4, 0)]},
         *(WHOLE, "", "the state moves 2 steps before its command: the actions are recorded late, or", 26.479449),
     ),
     "idle head": (inserted(0, 40), (0, 39), "", "nothing moves for the first 40 steps", 4.0),
@@ -117,6 +113,7 @@ def test_planted_fault_is_found_in_its_place(case):
     assert (fault.id, fault.first, fault.last, fault.column) == (M, *steps, column)
     assert words in fault.sentence
     assert fault.severity == pytest.approx(severity, rel=1e-6)
+    assert fault.threshold == 1 or rule_of(case) != "lag"
     assert {fault.id for fault in report.findings} == {M}
     assert set(report.counts) == {rule_of(case)} | OTHERS.get(case, set())
 

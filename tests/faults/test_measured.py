@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from recordings import changed, demonstrations, recording
+from rpil.data.demonstrations import Block
 from rpil.faults import settings, tracking
 from rpil.faults.checking import check
-from rpil.faults.measured_columns import changes, column_labels, learn_columns, means, pilot
+from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, means, pilot
 from rpil.faults.motion import Jump, RepeatedFrames, Spike
 from rpil.faults.rule import Learned
 from rpil.faults.still import largest, longest_runs
@@ -24,7 +25,8 @@ CLEAN = recording()
 
 def block_of(values, offsets=OFFSETS, **more):
     """Columns (C, T) with their changes."""
-    change = changes(values, offsets)
+    change = np.diff(values, prepend=0.0)
+    change[:, offsets[:-1]] = 0.0
     largest = np.maximum.reduceat(np.abs(change), offsets[:-1], axis=1).T
     given = {"values": values, "offsets": offsets, "change": change, "size": np.abs(change), "largest": largest}
     return SimpleNamespace(**given, numbers=np.arange(len(offsets) - 1), **more)
@@ -46,13 +48,11 @@ def longest(column, counts):
 
 def test_sums_and_runs_of_each_demonstration():
     values = RNG.integers(0, 3, size=(4, OFFSETS[-1])).astype(float)
-    expected = [np.diff(part, axis=1, prepend=part[:, :1]) for part in each(values)]
-    np.testing.assert_array_equal(changes(values, OFFSETS), np.concatenate(expected, axis=1))
     np.testing.assert_allclose(means(values, OFFSETS), [part.mean(axis=1) for part in each(values)])
     top, step = largest(values, OFFSETS)
     np.testing.assert_array_equal(top, [part.max(axis=1) for part in each(values)])
     np.testing.assert_array_equal(step, [part.argmax(axis=1) for part in each(values)])
-    counts, stays = RNG.random(values.shape) < 0.7, changes(values, OFFSETS) == 0
+    counts, stays = RNG.random(values.shape) < 0.7, np.diff(values, prepend=-1) == 0
     stays[:, OFFSETS[:-1]] = False
     found = np.stack(longest_runs(stays, lambda c, t: counts[c, t], OFFSETS), axis=2)
     for m, (a, b) in enumerate(itertools.pairwise(OFFSETS)):
@@ -63,10 +63,10 @@ def test_sums_and_runs_of_each_demonstration():
 def test_spikes_and_jumps_are_the_largest_of_each_demonstration():
     values = RNG.normal(size=(3, OFFSETS[-1])).round(1)
     values[:, -1] = values[:, -2]
-    spikes, _, step, largest, next_spikes, _ = Spike.measure(block_of(values), None)
-    every = SimpleNamespace(scale=np.array([0.5, 1.0, 2.0]))
-    jumps, before, after, _, of_all, _, _, next_jumps, _ = Jump.measure(block_of(values, columns=every), None)
-    np.testing.assert_array_equal(before, after - 1)
+    every = MeasuredColumns((*"abc",), np.arange(3), np.zeros(3, bool), np.array([0.5, 1.0, 2]), *np.ones((3, 3)))
+    block = MovingBlock.of(Block(0, values.T, np.zeros(OFFSETS[-1]), OFFSETS), np.arange(len(LENGTHS)), every)
+    spikes, step, largest, next_spikes, _ = Spike.measure(block, None)
+    jumps, after, _, of_all, _, _, next_jumps, _ = Jump.measure(block, None)
     for m, part in enumerate(each(values)):
         n = part.shape[1]
         for c, x in enumerate(part):
@@ -108,8 +108,8 @@ def test_rows_are_repeated_between_rows_that_move(steps, motion, expected):
     values = np.concatenate([np.tile([0.0, 1, 2], (2, 1)), own, np.tile([7.0, 8, 9], (2, 1))], axis=1)
     columns = SimpleNamespace(is_action=np.array([False, True]), motion=2.0, scale=np.ones(2))
     every = 2 * np.concatenate([np.ones(3), motion, np.ones(3)])
-    own = SimpleNamespace(actions=values[1:].T)
-    block = block_of(values, np.cumsum([0, 3, len(steps), 3]), columns=columns, motion=every, block=own)
+    more = {"motion": every, "of_states": every, "block": SimpleNamespace(actions=values[1:].T)}
+    block = block_of(values, np.cumsum([0, 3, len(steps), 3]), columns=columns, **more)
     repeats, first, length, _, whole, _ = RepeatedFrames.measure(block, None)
     assert not whole.any()  # the action does not repeat
     assert (repeats[1], length[1]) == (expected[0], expected[2])

@@ -14,12 +14,10 @@ from recordings import recording
 from rpil.data.demonstrations import Block
 from rpil.faults.set_table import contradicting, set_table
 
-N = 10
-
 
 def frame(wraps=False, constant=False, idle=0, moved=()):
     rows = []
-    for m, (x, a) in enumerate(recording(N)):
+    for m, (x, a) in enumerate(recording(10)):
         x, a = (np.insert(values, [0] * idle, values[0], axis=0) for values in (x, a))
         if wraps:
             x, a = ((v + np.linspace(0, 12, len(v))[:, None] + np.pi) % (2 * np.pi) - np.pi for v in (x, a))

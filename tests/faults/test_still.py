@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from recordings import demonstrations, recording
+from rpil.cli.check import fault_lines
 from rpil.faults.checking import check
 
 N, REST, TICK = 10, 52, 0.088
@@ -53,6 +54,8 @@ def test_rest_of_one_is_found_in_its_place(at):
     assert fault.id == 4
     assert abs(fault.first - PLACES[at]) <= 6
     assert {*report.trims} == ({4} if at != "middle" else set())
+    said = [f"steps to keep: 4: {first} to {end - 1}." for first, end in report.trims.values()]
+    assert [one for one in said if not any(one in line for line in fault_lines(report))] == []
 
 
 def test_what_moves_all_the_while_never_rests():

@@ -53,15 +53,10 @@ def test_a_command_that_stays_until_its_state_is_there_is_clean():
     assert not {"frozen action", "frozen sensor"} & {*check(demonstrations(made)).counts}
 
 
-def of_others(episodes, others):
-    """States of the other recording, cut to the same lengths."""
-    both = zip(others, episodes, strict=True)
-    return [(x[: (n := min(len(x), len(a)))], a[:n]) for (x, _), (_, a) in both]
-
-
 def test_states_that_go_with_no_action_are_one_line():
     for others in (arm(1), [*CLEAN[1:], CLEAN[0]]):
-        (line,) = check(demonstrations(of_others(CLEAN, others))).lines
+        both = zip(others, CLEAN, strict=True)
+        (line,) = check(demonstrations([(x[: len(a)], a[: len(x)]) for (x, _), (_, a) in both])).lines
         assert (line.rule, line.id, line.ids) == ("unrelated", "", tuple(range(N)))
         assert "these columns may belong to something else" in line.sentence
 

@@ -29,7 +29,6 @@ def stacked(values: np.ndarray, n_rows: int = T) -> np.ndarray:
 
 
 ROWS = {"obs": stacked(STATES), "actions": stacked(MOVES)}
-IS_STEP = np.arange(T) < np.array(LENGTHS)[:, None]
 EACH = "Each first index of the arrays is one demonstration"
 TERMINALS, CUTS = IS_LAST & (OWNERS == 1), IS_LAST & (OWNERS != 1)
 LAYOUTS = [
@@ -46,7 +45,7 @@ LAYOUTS = [
         STEPS | {"next_obs": np.where(IS_LAST[:, None], 9, np.roll(STATES, -1, axis=0))},
     ),
     (f"{EACH}, as long as lengths says.", ROWS | {"lengths": np.array(LENGTHS)}),
-    (f"{EACH}, as long as mask is true.", ROWS | {"mask": IS_STEP}),
+    (f"{EACH}, as long as mask", {"states": ROWS["obs"], "acts": ROWS["actions"], "mask": stacked(OWNERS >= 0)}),
     (f"{EACH}, which ends at dones.", ROWS | {"dones": np.arange(T) == np.array(LENGTHS)[:, None] - 1}),
     (f"{EACH}, as long as", ROWS | {"obs": stacked(STATES, T + 1), "lengths": np.array(LENGTHS)}),
 ]

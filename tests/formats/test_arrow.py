@@ -16,16 +16,13 @@ def as_pandas(table):
     return table.to_pandas()
 
 
-def as_polars(table):
-    return pytest.importorskip("polars", reason="needs polars").from_arrow(table)
-
-
-def with_views(table):
-    """Text as polars gives it to Arrow."""
-    return table.set_column(0, table.column_names[0], table[0].cast(pa.string_view()))
-
-
-FRAMES = {"pyarrow": lambda table: table, "pandas": as_pandas, "polars": as_polars, "views": with_views}
+FRAMES = {
+    "pyarrow": lambda table: table,
+    "pandas": as_pandas,
+    "polars": lambda table: pytest.importorskip("polars", reason="needs polars").from_arrow(table),
+    # Text as polars gives it to Arrow.
+    "views": lambda table: table.set_column(0, table.column_names[0], table[0].cast(pa.string_view())),
+}
 
 
 @pytest.fixture(scope="module")

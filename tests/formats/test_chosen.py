@@ -70,10 +70,6 @@ def test_ids_that_are_not_there_are_refused(read, options, message):
     assert str(caught.value).count(". ") == 0
 
 
-def lists(values) -> pa.Array:
-    return pa.array(values, pa.list_(pa.float64()))
-
-
 def holed(kind: str) -> pa.Table:
     """A table in which demonstrations 1 and 4 have faults of a kind."""
     x = np.random.default_rng(1).normal(size=N * T)
@@ -87,7 +83,8 @@ def holed(kind: str) -> pa.Table:
     if kind == "null of classes":
         return table(action=pa.array([None if k in rows else "ab"[k % 2] for k in range(N * T)]))
     faulty = {"null list": None, "short list": [1.0], "nan in list": [np.nan, 1.0]}[kind]
-    return table(**{"observation.x": lists([faulty if k in rows else [x[k], -x[k]] for k in range(N * T)])})
+    lists = [faulty if k in rows else [x[k], -x[k]] for k in range(N * T)]
+    return table(**{"observation.x": pa.array(lists, pa.list_(pa.float64()))})
 
 
 KINDS = ("inf", "action", "null of whole numbers", "null of classes", "null list", "short list", "nan in list")

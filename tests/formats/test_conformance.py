@@ -18,14 +18,10 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.registry import FORMATS, find
 from samples import SAMPLES, assert_same, assert_same_on_disk
 
-BY_EXTENSION = {"HDF5", "NPZ", "a folder of tables"}
-"""Formats that say too little to be the first: they claim what others claim before them."""
-
 LISTED = {*("NPZ, stacked", "folder of CSV", "folder of Parquet", "folder of NPZ", "d4rl", "aloha")}
 LISTED |= {name for name in SAMPLES if name.startswith("Zarr")}
 """Samples of which `keep` writes the list of ids alone."""
 
-TASKS = {"LeRobot": "lift", "robomimic": "Lift", "folder of NPZ": "lift"}
 RATES = {"LeRobot": 30, "Parquet of lists": 30, "folder of Parquet": 30, "robomimic": 20}
 
 
@@ -78,7 +74,8 @@ def test_no_format_claims_what_is_another_s(path):
         except Exception:  # which means that it has not this format
             continue
     assert claimed[0] == find(path).format.name
-    assert {*claimed[1:]} <= BY_EXTENSION
+    # Those that are told by their extensions say too little to be the first.
+    assert {*claimed[1:]} <= {"HDF5", "NPZ", "a folder of tables"}
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00\x01", b"PK\x03\x04", b"\x89HDF\r\n\x1a\n", b"PAR1", b"{}", b"a,b\n"])
@@ -109,7 +106,7 @@ def test_what_is_kept_is_read_as_it_was(name, path):
     for what in ("observations", "actions", "action_kind", "task_column", "operator_column", "order"):
         assert getattr(after.describe(), what) == getattr(before.describe(), what), what
     said, still = ([said.tasks.get(str(m), "") for m in of.ids] for said, of in ((before, expected), (after, found)))
-    assert said == still == [TASKS.get(name, "")] * 2
+    assert said == still == [{"LeRobot": "lift", "robomimic": "Lift", "folder of NPZ": "lift"}.get(name, "")] * 2
     assert [who for _, who in after.operators] == [who for m, who in before.operators if m in map(str, expected.ids)]
     assert (before.describe().fps, after.describe().fps) == pytest.approx([RATES.get(name)] * 2)
     if before.times().timestamps is not None:

@@ -71,6 +71,9 @@ def test_chunks_that_hold_more_than_they_declare_are_not_decoded(tmp_path):
         array.id.write_direct_chunk((0, 0), zlib.compress(bytes(10**7), 1))
     with pytest.raises(DataError, match=r"x\.hdf5: data/demo_1/actions: its chunks hold more than they declare; "):
         rpil.read(path)
+    with h5py.File(path, "w") as file:
+        file.create_dataset("x", data=np.ones((1000, 3)), chunks=(1000, 3))
+    assert open_hdf5(path)[1].arrays["x"][:].all()
 
 
 def test_circles_of_links_are_gone_through_once(tmp_path):

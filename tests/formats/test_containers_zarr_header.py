@@ -13,7 +13,6 @@ from rpil.formats.registry import find
 zarr = pytest.importorskip("zarr", minversion="3", reason="needs the extra zarr")
 numcodecs = pytest.importorskip("numcodecs")
 
-TOOLS = Path(__file__).parents[2] / "tools"
 BYTES = {"name": "bytes", "configuration": {"endian": "little"}}
 PICKLE = {"id": "pickle"}
 TEXT = {"dtype": "|O", "fill_value": ""}
@@ -22,7 +21,7 @@ TEXT = {"dtype": "|O", "fill_value": ""}
 @pytest.mark.parametrize("disguise", ["x.zarr", "x.zarr.zip", "x.npz", "x.csv"])
 @pytest.mark.parametrize("place", ["ends-filter", "ends-compressor", "data-filter"])
 def test_a_store_that_runs_code_decodes_nothing(tmp_path, monkeypatch, place, disguise):
-    monkeypatch.syspath_prepend(str(TOOLS))
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "tools"))
     import hostile_zarr
 
     hostile_zarr.write_store(tmp_path / "store", place, tmp_path / "marker")

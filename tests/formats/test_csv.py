@@ -31,10 +31,6 @@ def text(columns, sep=",", decimal=".", rows=None, quote=False):
     return "\n".join([sep.join(columns), *lines, ""])
 
 
-def with_columns(**more):
-    return BASE | more
-
-
 ns = 1_700_000_000_000_000_000 + 50_000_000 * np.arange(M * T)
 VARIANTS = {
     "plain": (text(BASE), {}),
@@ -45,7 +41,7 @@ VARIANTS = {
     "decimal commas": (text(BASE, ";", ","), {}),
     "all quoted": (text(BASE, quote=True), {}),
     "spaces around names": (text(BASE).replace("episode,step,x,v,action", " episode , step, x ,v , action"), {}),
-    "times": (text(with_columns(t=STEP * 0.05, stamp_ns=ns, wall_time=ns * 1e-9)), {}),
+    "times": (text(BASE | {"t": STEP * 0.05, "stamp_ns": ns, "wall_time": ns * 1e-9}), {}),
     "row index of pandas": (text({"": np.arange(M * T)} | BASE), {}),
     "comment lines": ("# recorded on Monday\n# by hand\n" + text(BASE), {}),
     "blank last lines": (text(BASE) + "\n\n\n", {}),

@@ -17,10 +17,7 @@ import rpil
 from command_line import ok, refused
 from rpil.data.errors import DataError
 
-
-@pytest.fixture(autouse=True)
-def here(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("current_folder")
 
 
 def table(n=8, length=6, head="episode_index,observation.x,action,note"):
@@ -32,10 +29,6 @@ def table(n=8, length=6, head="episode_index,observation.x,action,note"):
 def written(name, lines):
     Path(name).write_text("\n".join(lines) + "\n")
     return name
-
-
-def read(path):
-    return rpil.open(path).description
 
 
 @pytest.mark.parametrize(
@@ -121,7 +114,7 @@ def test_a_cut_file_of_lerobot_is_named_with_its_episodes(version, left):
     n = 4 if version == "v3.0" else 6
     if version == "v3.0":
         assert named in ok("keep", "arm", "-o", "new", "--skip-bad", "--share", "1").stderr
-        assert read("new").demonstrations == n
+        assert rpil.open("new").description.demonstrations == n
         assert rpil.check("new").findings == ()
     left = rpil.check("arm", skip_bad=True)
     assert {found.id for found in left.findings} == {""}  # of the folder alone

@@ -30,11 +30,7 @@ INFO, STATS, EPISODES, STEPS = (
     "data/chunk-000/file-000.parquet",
 )
 
-
-@pytest.fixture(autouse=True)
-def current_folder(tmp_path, monkeypatch):
-    """A current folder for each test, as for the tests of the command."""
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("current_folder")
 
 
 def sample(name):

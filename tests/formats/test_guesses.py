@@ -30,10 +30,7 @@ def drives(n=12, **changes):
     return pa.table(columns | changes)
 
 
-@pytest.fixture(autouse=True)
-def current_folder(tmp_path, monkeypatch):
-    """A current folder for each test, as refused() reads all of its files."""
-    monkeypatch.chdir(tmp_path)
+pytestmark = pytest.mark.usefixtures("current_folder")  # of which refused() reads all files
 
 
 @pytest.fixture

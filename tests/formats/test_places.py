@@ -63,11 +63,11 @@ def test_a_log_is_split_by_its_times_and_its_action_is_found(tmp_path, monkeypat
     lines = [f"{second}, {k % 3 / 10}, .{k + 1}, {k}.5" for k, second in enumerate(seconds)]
     words = [written_lines("driving_log.csv", lines)]
     refused("put the names of its 4 columns above it, or give a frame in Python", "info", *words)
-    written_lines("driving_log.csv", ["time_s,steering,throttle,speed", *lines])
+    written_lines("driving_log.csv", ["time_s,steering,accel_cmd,speed", *lines])
     refused("or end demonstrations at pauses with --split-gap", "info", *words)
     done = ok("info", *words, "--split-gap", "1")
     assert "3 demonstrations, 8 steps, 0.5 s at 10 a second" in done.stdout
-    assert "Action: steering, throttle;" in done.stdout
+    assert "Action: steering, accel_cmd;" in done.stdout
     ok("convert", *words, "--split-gap", "1", "--action", "steering", "-o", "log.parquet")
     assert len(rpil.read("log.parquet")) == 3
     refused("first run rpil convert driving_log.csv --split-gap 1 -o ALL.parquet", "keep", *words, "--split-gap", "1",
@@ -106,6 +106,8 @@ def test_stretches_begin_again_after_a_pause_and_need_no_id():
     read = rpil.read(episodes(episode=None, time_s=clock), segment=2.0, split_gap=5.0)
     assert read.ids[:3] == ("0 [0, 2) s", "0 [2, 4) s", "1 [0, 2) s")
     assert rpil.read(episodes(episode=None, time_s=clock), segment=600.0).ids == ("0 [0, 600) s", "0 [600, 1200) s")
+    with pytest.raises(DataError, match="the column of time lacks values; fill it in"):
+        rpil.open(rows(time_s=[*range(7), np.nan]), segment=1)
 
 
 @pytest.mark.parametrize("option", ["segment", "split_gap"])

@@ -33,7 +33,6 @@ TABLE = pa.table(
         "action": np.arange(N) % 3,
     }
 )
-SHUFFLED = np.random.default_rng(1).permutation(N)
 
 
 @pytest.fixture
@@ -68,7 +67,7 @@ def test_rows_are_sorted_by_their_column_and_weights_find_them(tmp_path, suffix)
     table = TABLE.drop_columns(["observation.image", "observation.state"]).append_column(
         "x", [STATE[:, 0].astype(float)]
     )
-    table = table.take(SHUFFLED)
+    table = table.take(np.random.default_rng(1).permutation(N))
     (pq.write_table if suffix == ".parquet" else pa.csv.write_csv)(table, tmp_path / f"a{suffix}")
     recording = read_recording(tmp_path / f"a{suffix}")
     d = recording.demonstrations

@@ -146,8 +146,8 @@ def test_repeated_columns(path):
     [
         ({"obs_x": [[1.0, 2.0], [1.0], [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x.0' has no value"),
         ({"obs_x": [[1.0, 2.0], None, [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x.0' has no value"),
-        ({"obs_x": pa.array([[], [], []], pa.list_(pa.float64())), "obs_y": None}, "no column holds observations"),
-        ({"obs_x": [[[1.0]], [[1.0]], [[1.0]]], "obs_y": None}, "no column holds observations"),
+        ({"obs_x": pa.array([[], [], []], pa.list_(pa.float64())), "obs_y": None}, "'obs_x' holds no lists of numbers"),
+        ({"obs_x": [[[1.0]], [[1.0]], [[1.0]]], "obs_y": None}, "'obs_x' holds no lists of numbers.* pass the rows to"),
         ({"episode_index": [1.0, np.nan, 1.0]}, "fill in the missing"),
         ({"episode_index": [[1], [2], [3]]}, "no column says which demonstration"),
     ],
@@ -167,6 +167,7 @@ def npz(path, **changes):
     [
         ({"actions": np.array([0, 1, None], dtype=object)}, "never unpickled .* numpy.asarray"),
         ({"episode_ids": None}, "nothing says where demonstrations begin .* or one called episode_index"),
+        ({"observations": None, "episode_ids": None}, "name the array of observations with observations="),
         ({"actions": [0, 1]}, r"episode_ids has the shape \(3,\) for 2 actions; give one id for each"),
         ({"actions": None}, "no column holds the action: name it action, .*'episode_ids', 'rewards'"),
     ],

@@ -7,7 +7,6 @@ import random
 import rpil
 from rpil.data.errors import DataError
 
-N_MUTANTS = 200
 NOTES = {
     "plain": lambda k: "ok" if k % 7 else "",
     "quoted": lambda k: f'"take {k}, ok"' if k % 3 else '""',
@@ -80,4 +79,4 @@ def lost(folder, seeds):
 
 
 def test_no_row_of_a_mutant_is_lost_in_silence(tmp_path):
-    assert lost(tmp_path, range(N_MUTANTS)) == []
+    assert lost(tmp_path, range(200)) == []

@@ -184,11 +184,10 @@ def test_probabilities_stay_away_from_certainty():
 
 
 # Contradictions.
-WRONG = [-1, -1, -1, 0, 0, 0, 0, 0, 1, 1, 1, -1]
 
 
 def test_labels_are_named_that_the_others_make_improbable():
-    some = answers_of(WRONG)
+    some = answers_of([-1, -1, -1, 0, 0, 0, 0, 0, 1, 1, 1, -1])
     assert judged(some).contradicting.tolist() == [11]
     assert judged(answers_of([1, -1, -1, 0, 0, 0, 0, 0, 1, 1, 1, 0])).contradicting.tolist() == [0]
     without = replace(some, labels=np.where(EVERYTHING == 11, 0, some.labels))
@@ -289,12 +288,11 @@ def test_a_copy_confirms_nothing():
 
 
 # Pairs without a difference.
-COLUMN = np.linspace(-2, 2, 9)[:, None]
 
 
 def by_ties(tied, pairs=()):
     some = answers_of(None, pairs, None, tied, 9)
-    rows, n_pairs = some.rows(COLUMN)
+    rows, n_pairs = some.rows(np.linspace(-2, 2, 9)[:, None])
     return regression(rows, some.evidence(logit(1 - ERROR)), n_pairs, SETTINGS)(rows[:9])
 
 

@@ -38,6 +38,8 @@ def test_answers_about_some_of_the_demonstrations():
     np.testing.assert_array_equal(some.outcomes, [[3.0, 0.0], [NAN, 1.0], [4.0, 1.0]])
     assert some.names == ("outcome", "other")
     assert answers_of([1, 0], [(0, 1)]).select([1]).pairs.shape == (0, 2)
+    marked = replace(answers_of([0] * 4), marks=np.array([[1, 0, 5, 1], [2, 3, 4, -1]]))
+    assert marked.select([2, 0]).marks.tolist() == [[0, 3, 4, -1]]
 
 
 @pytest.mark.parametrize(

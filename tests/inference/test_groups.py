@@ -9,7 +9,7 @@ import pytest
 from scipy.special import expit, logit
 from scipy.stats import beta, norm
 
-from rpil.inference.groups import Groups, expert_share_interval, fit_groups, one_group, two_groups
+from rpil.inference.groups import Groups, expert_share_interval, fit_groups, least_within, one_group, two_groups
 from rpil.inference.settings import GroupSettings
 
 
@@ -164,6 +164,13 @@ def test_two_groups_are_where_em_stands_still():
     shrinkage = found.spread / widths
     square = shrinkage * 0.5 * variance[:, None] + (shrinkage * (score[:, None] - found.mean)) ** 2
     np.testing.assert_allclose(found.spread, ((own * square).sum(axis=0) + prior) / (own.sum(axis=0) + 1), atol=1e-6)
+
+
+def test_no_first_step_moves_a_parameter_by_more_than_1():
+    seen, far = [], np.array([30.0, 20.0])
+    loss = lambda x: seen.append(x) or (float((x - far) @ (x - far)), 2 * (x - far))  # noqa: E731
+    assert least_within(loss, np.zeros(2), np.array([[-99.0, 99.0]] * 2)) == pytest.approx(0.0, abs=1e-9)
+    assert np.abs(seen[1] - seen[0]).max() == 1
 
 
 def test_groups_of_one_are_no_groups():

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.special import expit
 
+import rpil
 from hand_made import same_actions, scores_of, scoring_of
 from problems import make
 from rpil.data.copies import Copies
+from rpil.data.demonstrations import Demonstrations
 from rpil.inference.held_out import log_reference
-from rpil.inference.outliers import Claims, claim, gains, lower_part, own_gain, telling_pair, widened
+from rpil.inference.outliers import Claims, claim, lower_part, own_gain, telling_pair, widened
+from rpil.inference.scores import batch_errors
 from rpil.inference.settings import HeldOutSettings, JudgeSettings, OutlierSettings
 
 UPPER = [1.3, 1.2, 1.0, 1.0, 0.8, 0.75]
@@ -20,15 +24,11 @@ SCORE = np.array([*UPPER, 0.0, 0.0, 0.0])
 """The last third is a lower group, and is not far below the others."""
 
 
-def gaining(upper, own):
-    """The gain of a policy of a group whose first member is an upper one, or that of any other group, on the group
-    itself; elsewhere it is -9."""
-    return lambda group: np.where(group, upper if group[0] else own, -9.0)
-
-
 def scored(score=SCORE, p_two=0.999, upper=1.0, own=0.0, deviation=0.1, discrete=False, **limits):
     score, settings = np.asarray(score, dtype=float), JudgeSettings(outliers=OutlierSettings(**limits))
-    scoring = scoring_of(same_actions(len(score), discrete), gaining(upper, own), settings)
+    # The policy of a group gains on the group itself: by its first member an upper one, or another.
+    gains = lambda group: np.where(group, upper if group[0] else own, -9.0)  # noqa: E731
+    scoring = scoring_of(same_actions(len(score), discrete), gains, settings)
     return scoring, scores_of(scoring, score, p_two, deviation)
 
 
@@ -170,20 +170,36 @@ def test_a_sample_without_outliers_finds_none_among_all_and_all_may_have_none():
     assert (nobody.finding, nobody.lower.tolist()) == ("no outliers", [False] * 6)
 
 
+def test_good_ones_in_states_that_the_policy_fits_badly_are_no_outliers():
+    rng = np.random.default_rng(3)
+    states = 0.2 * np.cumsum(rng.normal(size=(60, 60, 3)), axis=1)
+    actions = np.tanh(-states[..., :1]) + 0.05 * rng.normal(size=(60, 60, 1))
+    actions[:6] = rng.uniform(-1, 1, size=(6, 60, 1))
+    data = Demonstrations.from_episodes(zip(states, actions, strict=True))
+    outliers = {m for m, verdict in enumerate(rpil.audit(data).verdicts) if verdict == "outlier"}
+    assert outliers >= {*range(6)}
+    assert len(outliers) <= 8  # 10 without the errors of scores
+
+
+def test_batch_errors_count_steps_that_depend_on_their_neighbours():
+    noise = np.random.default_rng(0).normal(size=(200, 40))
+    offsets = np.arange(201) * 40
+    alone, together = (batch_errors(each.ravel(), offsets) for each in (noise, np.repeat(noise[:, ::5], 5, axis=1)))
+    assert np.sqrt(np.mean(alone**2)) == pytest.approx(1 / np.sqrt(40), rel=0.05)
+    assert np.sqrt(np.mean(together**2)) == pytest.approx(1 / np.sqrt(8), rel=0.05)
+    assert batch_errors(noise[0, :15], np.array([0, 15])).tolist() == [0.0]
+
+
 # Gains.
-def test_gains_are_against_the_actions_of_the_group_alone():
+def test_the_gain_of_a_group_is_the_median_of_its_members_against_the_actions_of_the_group_alone():
     data, settings, group = make("random", 0).problem(), HeldOutSettings(), np.arange(12) < 3
+    model = SimpleNamespace(ridges=(), evaluate=lambda *_: log_prob)
     log_prob = np.random.default_rng(0).normal(size=len(data.actions))
     over = np.split(log_prob - log_reference(data, group, settings), data.offsets[1:-1])
-    np.testing.assert_allclose(gains(data, log_prob, group, settings), [one.mean() for one in over[:3]])
-    assert np.abs(gains(data, log_prob, group | True, settings)[:3] - [one.mean() for one in over[:3]]).max() > 1e-3
-
-
-def test_the_gain_of_a_group_is_the_median_of_its_members_by_their_own_policy():
-    of_each = np.array([9.0, 1.0, 3.0, 2.0, -7.0])
-    scoring = scoring_of(same_actions(5), lambda group: of_each, JudgeSettings())
+    assert own_gain(group, data, model, 0.1, settings) == pytest.approx(np.median([one.mean() for one in over[:3]]))
+    scoring = scoring_of(same_actions(5), lambda group: np.array([9.0, 1.0, 3.0, 2.0, -7.0]), JudgeSettings())
     group = np.arange(5) < 4
-    assert own_gain(scoring, group, 0.1) == pytest.approx(2.5)
+    assert own_gain(group, scoring.data, scoring.model, 0.1, settings) == pytest.approx(2.5)
     assert [one.tolist() for one in scoring.model.fitted] == [group.tolist()]
 
 

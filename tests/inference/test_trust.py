@@ -55,7 +55,7 @@ def test_without_answers_the_claims_are_said():
     assert not audit.from_label.any()
     assert not audit.from_demonstrator.any()
     np.testing.assert_array_equal(audit.log_odds, audit.from_actions)
-    np.testing.assert_array_equal(judgement.training_group, ~LOWER)
+    np.testing.assert_array_equal(judgement.scores.fit.group, ~LOWER)
     np.testing.assert_array_equal(audit.columns, judgement.columns)
     apart = concluded(finding="a group apart")[1]
     assert (apart.competing, apart.identifiable) == ((tuple(range(6)), tuple(range(6, 10))), False)

@@ -62,13 +62,9 @@ FIRST = np.arange(10)
     [(6, 0.58, (1, -1)), (6, 0.59, (0.5, -0.5)), (4, 0.58, (-1, 1)), (4, 0.59, (0.5, -0.5)), (5, 0.5, (0.5, -0.5))],
 )
 def test_the_larger_of_two_rules_is_trusted_and_both_of_a_tie(n_first, max_tie, sizes, monkeypatch):
-    found = trusted(rules(n_first > FIRST), monkeypatch, max_tie=max_tie)
-    assert found == [sizes[0]] * n_first + [sizes[1]] * (10 - n_first)
-
-
-def test_the_policies_have_the_ridge_of_the_judge_or_the_weakest(monkeypatch):
-    for ridge in (0.1, 0.0):
-        assert trusted(rules(FIRST < 7), monkeypatch, ridge=ridge) == [1.0] * 7 + [-1.0] * 3
+    for ridge in (0.1, 0.0):  # of the judge, and without one the weakest
+        found = trusted(rules(n_first > FIRST), monkeypatch, max_tie=max_tie, ridge=ridge)
+        assert found == [sizes[0]] * n_first + [sizes[1]] * (10 - n_first)
 
 
 def test_eleven_of_twenty_are_larger_and_twelve_of_twentytwo_are_not(monkeypatch):
@@ -113,14 +109,11 @@ def test_a_part_without_a_rule_is_not_trusted_however_large(gain, sign, is_turne
 
 def test_the_limit_of_noise_is_noise(monkeypatch):
     own = iter([4.0, 1.0])
-    monkeypatch.setattr(module, "gains", lambda *_: np.full(3, next(own)))
+    monkeypatch.setattr(module, "own_gain", lambda *_: next(own))
     assert trusted(rules(FIRST < 3, mixed=-3.0), monkeypatch, max_noise=0.25) == [1.0] * 3 + [-1.0] * 7
 
 
-OUTLIERS = FIRST > 7
-
-
-@pytest.mark.parametrize(("outlier", "found"), [(NOBODY, [0.0] * 10), (OUTLIERS, [1.0] * 8 + [-1.0] * 2)])
+@pytest.mark.parametrize(("outlier", "found"), [(NOBODY, [0.0] * 10), (FIRST > 7, [1.0] * 8 + [-1.0] * 2)])
 def test_without_parts_the_outliers_are_the_other_part(outlier, found, monkeypatch):
     alike = rules(np.ones(10, dtype=bool))  # one policy explains all
     assert trusted(alike, monkeypatch, outlier) == found
@@ -246,11 +239,6 @@ def test_every_kth_step_of_each_demonstration_is_kept(max_steps, k):
     assert found.lengths.tolist() == [len(one) for one in kept]
 
 
-# From steps to parts.
-def parts_of(data, settings=JudgeSettings()):
-    return judge(data, held_out_model(data, HeldOutSettings()), settings, learner=data).part
-
-
 @pytest.mark.parametrize(
     ("maker", "kind", "n_good", "n_bad", "good", "bad"),
     [
@@ -264,6 +252,7 @@ def parts_of(data, settings=JudgeSettings()):
 )
 def test_parts_of_plain_worlds(maker, kind, n_good, n_bad, good, bad):
     toy = maker(kind, 1, n_good=n_good, n_bad=n_bad, steps=(40, 60))
-    found = parts_of(toy.problem())
+    data = toy.problem()
+    found = judge(data, held_out_model(data, HeldOutSettings()), JudgeSettings(), learner=data).part
     turned = np.sign(found[0] * good) if abs(good) == 0.5 else 1  # of a tie either part is the first
     np.testing.assert_array_equal(found * turned, np.where(toy.is_good, good, bad))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -18,7 +20,6 @@ from rpil.mixture.settings import MixtureSettings
 from rpil.policies.softmax import SoftmaxPolicy
 
 ZOO = zoo(0)
-CONTINUOUS_ZOO = continuous_zoo(0)
 
 
 def tiny(seed: int = 0, labels: tuple[int, ...] = (0, 0, 0, 0), n_actions: int = 3) -> Toy:
@@ -91,7 +92,7 @@ def test_log_odds_of_long_demonstrations_are_finite(which):
 @pytest.mark.parametrize(("kind", "which"), [(kind, name) for kind, names in ADVERSARIES.items() for name in names])
 def test_objective_never_falls(kind, which):
     """Over the whole zoo; hmmlearn's own test lets it fall so long as it rises once."""
-    problems = {name: toy.problem() for name, toy in (ZOO if kind == "discrete" else CONTINUOUS_ZOO).items()}
+    problems = {name: toy.problem() for name, toy in (ZOO if kind == "discrete" else continuous_zoo(0)).items()}
     toy = make("noisy", 0) if kind == "discrete" else make_continuous("window", 0)
     problems |= {"landmarks": toy.problem("nystroem")}
     for name, problem in problems.items():
@@ -116,6 +117,18 @@ def test_run_ends_at_a_stationary_point(which):
         direction = rng.normal(size=state.policy.weights.shape)
         up, down = (objective(state.policy.weights + h * direction) for h in (1e-4, -1e-4))
         assert abs(up - down) / 2e-4 < 0.02  # nats for a unit step, of hundreds
+
+
+def test_em_ends_where_it_gains_little_or_changes_no_responsibility():
+    problem = ZOO["one step each"].problem()
+    start = pooled_state(problem, "marginal")
+    runs = [run_em(problem, start, MixtureSettings(max_iter=k, tol=0.0, steady=0.0)) for k in range(16)]
+    gains = np.abs(np.diff(runs[-1].history)) / problem.n_demonstrations
+    changes = np.array([np.abs(b.posterior.expert - a.posterior.expert).max() for a, b in pairwise(runs)])
+    for tol, steady in ((gains[8], 0.0), (gains[8] / 5, 1.001 * changes[8]), (gains[8] / 5, 0.999 * changes[8])):
+        ends = (gains <= tol) | ((gains <= 10 * tol) & (changes <= steady))
+        found = run_em(problem, start, MixtureSettings(max_iter=15, tol=float(tol), steady=float(steady)))
+        assert (len(found.history), found.converged) == (2 + int(np.argmax(ends)), True)
 
 
 def test_start_at_zero_is_a_stationary_point_of_two_actions():

@@ -10,6 +10,7 @@ import pytest
 from problems import make, ridge
 from rpil.data.fit_data import FitData
 from rpil.estimators.pipeline import Settings, judged_starts
+from rpil.mixture import search
 from rpil.mixture.search import SearchSettings, fit_mixture, starts
 from rpil.mixture.settings import MixtureSettings
 from rpil.policies.softmax import SoftmaxPolicy
@@ -49,6 +50,17 @@ def test_experts_agree_where_these_are_few():
     found = starts(problem, setting_for(problem))
     assert set(np.flatnonzero(found["agreeing"])) == set(range(10))
     assert max(int(weight.argmax()) for name, weight in found.items() if name.startswith("single")) < 10
+
+
+def test_a_start_of_fewer_than_half_is_fitted_once_more_to_those_that_it_explains(monkeypatch):
+    problem, fit, asked = make("random", 0).problem(), search._fit_start, []
+    monkeypatch.setattr(search, "_fit_start", lambda *given: asked.append(given[2]) or fit(*given))
+    for n, n_more in ((6, 0), (5, 1)):
+        weight = (np.arange(12) < n).astype(float)
+        search._first_iterations(problem, setting_for(problem), "marginal", weight)
+        assert len(asked) == 1 + n_more
+        asked, more = [], asked[-1]
+    assert ((more >= weight).all(), (more > weight).any()) == (True, True)
 
 
 @pytest.mark.slow

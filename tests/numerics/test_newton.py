@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -67,11 +65,28 @@ def test_fit_softmax_takes_few_passes(n_features, monkeypatch):
     def counted(function):
         return lambda *arrays: passes.append(function.__name__) or function(*arrays)
 
-    for function in (gradient, hessian_product):
+    for function in (gradient, hessian_product, newton._inverses):
         monkeypatch.setattr(newton, function.__name__, counted(function))
-    fit_softmax(*soft_problem(0, n=1000, n_features=n_features), until(tol=1e-10))
+    problem = soft_problem(0, n=1000, n_features=n_features)
+    fit_softmax(*problem, until(tol=1e-10))
     assert passes.count("gradient") <= 6
     assert passes.count("hessian_product") <= 15
+    monkeypatch.setattr(newton, "PRECONDITIONER_PRODUCTS", 1)  # after so many another preconditioner is made
+    fit_softmax(*problem, until(tol=1e-10))
+    assert passes.count("_inverses") > 2
+    passes.clear()
+    fit_softmax(*problem, until(tol=0.0, max_iter=1, max_cg=1))
+    assert passes.count("hessian_product") == 1
+
+
+def test_a_step_for_a_loose_fit_leaves_a_quarter_of_the_slope():
+    features, targets, penalty = soft_problem(0)
+    proba, weight = np.full(targets.shape, 1 / 3), targets.sum(axis=1)
+    before = slope(np.zeros((5, 3)), features, targets, penalty)
+    precondition = Preconditioner(features, proba, weight, penalty + 1e3 * features.std(axis=0))
+    step, _ = newton._newton_direction(features, proba, weight, penalty[:, None], before, precondition, until(tol=1e-3))
+    rest = before + hessian_product(features, proba, weight, step) + penalty[:, None] * step
+    assert 0 < (rest * precondition(rest)).sum() <= 0.25**2 * (before * precondition(before)).sum()
 
 
 def test_fit_softmax_is_never_above_the_start():
@@ -104,6 +119,8 @@ def test_fit_softmax_with_an_action_never_taken_and_steps_of_weight_zero():
     assert np.isfinite(fit.weights).all()
     assert fit.objective == pytest.approx(rest.objective, rel=1e-6)
     assert np.exp(fit.log_proba[:, 2]).max() < 1e-3
+    never = Preconditioner(features, np.tile([0.4, 0.6, 0.0], (300, 1)), targets.sum(axis=1), np.zeros(5))
+    assert (never(fit.weights) * fit.weights).sum() > 0  # its Hessian is positive
 
 
 def test_lbfgs_steps_reach_the_optimum():
@@ -128,13 +145,14 @@ def test_a_sample_preconditioner_inverts_the_whole_hessian_and_a_radius_bounds_e
     direction -= direction.mean(axis=1, keepdims=True)  # which no step changes
     product = hessian_product(features, proba, weight, direction) + penalty[:, None] * direction
     np.testing.assert_allclose(precondition(product), direction, atol=1e-5)
-    residual = 1e4 * np.random.default_rng(0).normal(size=(5, 3))
-    assert np.abs(precondition(residual)).max() > 0.5
-    for radius in (0.5, 0.01):
-        step = partial(precondition, radius=radius)(residual)
-        assert 0 < np.abs(step).max() <= radius
-        assert (step * residual).sum() > 0  # uphill
     assert precondition.hessian is not None
-    damped = precondition.hessian[0] + np.eye(15) / 10  # the radius 10 is large enough at once
-    step = np.linalg.solve(damped, residual.T.reshape(-1) / 1e4).reshape(3, 5).T
-    np.testing.assert_allclose(precondition(residual / 1e4, radius=10.0), step, rtol=1e-6)
+    residual = 1e4 * np.random.default_rng(0).normal(size=(5, 3))
+    for scale, radius in ((1.0, 0.5), (1.0, 0.01), (1e-4, 10.0)):  # the last is large enough at once
+        damping, flat = 1 / radius, scale * residual.T.reshape(-1)
+        while np.abs(step := np.linalg.solve(precondition.hessian[0] + damping * np.eye(15), flat)).max() > radius:
+            damping *= 4
+        np.testing.assert_allclose(precondition(scale * residual, radius=radius).T.reshape(-1), step, rtol=1e-6)
+    few = features[:, 3:], proba, weight, penalty[3:]
+    blocks = [(few[0].T * (weight * p * (1 - p))) @ few[0] + np.diag(penalty[3:]) for p in proba.T]
+    found = Preconditioner(*few, unseen_curvature=1.0).hessian
+    np.testing.assert_allclose(found, 1.5 * np.array(blocks), rtol=1e-6)

@@ -72,6 +72,7 @@ def test_error_scale_is_robust_and_weighted():
     errors = RNG.normal(0.0, 2.0, (10_000, 1))
     clean = error_scale(errors, np.ones(10_000), ErrorSettings(min_scale=0.0))
     assert clean == pytest.approx(1.35 * 2.0 * norm.ppf(0.75), rel=0.03)
+    assert error_scale(errors, np.zeros(10_000), ErrorSettings(min_scale=0.0)) == clean
     least = error_scale(errors, np.ones(10_000), ErrorSettings(min_scale=0.5))
     assert least == pytest.approx(clean + 0.5)
     spoiled = np.where(np.arange(10_000)[:, None] < 1_000, 1e6, errors)

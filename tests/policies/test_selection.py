@@ -11,7 +11,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.policies.features import FeatureMap, FeatureSettings
-from rpil.policies.selection import FeatureChoice, _fit_least_squares, choose_features
+from rpil.policies.selection import FeatureChoice, _Candidate, _fit_least_squares, _is_as_good, _median, choose_features
 from rpil.policies.settings import SelectionSettings
 
 
@@ -24,18 +24,12 @@ def straight(o):
     return o @ [1.0, -2.0] > 0.3
 
 
-def folded(o):
-    return np.abs(o[:, 0]) > 0.7
+FOLDED, WAVY = (lambda o: np.abs(o[:, 0]) > 0.7, "folded"), (lambda o: np.sin(4 * o[:, 0]) > 0.0, "nystroem")
 
 
-def wavy(o):
-    return np.sin(4 * o[:, 0]) > 0.0
-
-
-@pytest.mark.parametrize(("rule", "kind"), [(folded, "folded"), (curved, "nystroem"), (wavy, "nystroem")])
+@pytest.mark.parametrize(("rule", "kind"), [FOLDED, WAVY, (curved, "nystroem")])
 def test_the_kind_that_can_follow_the_rule_is_chosen(rule, kind):
-    observations, codes, offsets = told(rule)
-    found = choose(observations, codes, offsets)
+    found = choose(*told(rule))
     assert found.kind == kind
     assert found.ridge in SelectionSettings.ridges
 
@@ -73,6 +67,15 @@ def test_steps_far_off_do_not_teach_which_numbers_are_due():
     (robust,) = _fit_least_squares(design, actions, np.ones(500), [np.full(3, 1e-6)], SelectionSettings())
     plain = np.linalg.lstsq(design, actions)[0]
     assert np.abs(robust - right).max() < 0.3 * np.abs(plain - right).max()
+
+
+def test_as_good_is_less_accurate_by_a_standard_error_at_most_and_medians_are_weighted():
+    best = _Candidate(FeatureChoice("raw", 1.0), 0.0, np.zeros(4))
+    for loss, expected in ((0.577, True), (0.578, False)):  # of 1 / sqrt(3)
+        worse = best._replace(accuracy=np.array([-1.0, 1.0] * 2) - loss)
+        assert _is_as_good(worse, best, np.full(4, 0.5)) == expected
+    assert [_median(np.array(of), np.ones(len(of))) for of in ([3.0, 1, 2], [4.0, 1, 3, 2])] == [2.0, 2.5]
+    assert _median(np.arange(3.0), np.array([1.0, 1.0, 9.0])) == 2.0
 
 
 def test_few_demonstrations_and_steps_are_enough():

@@ -42,6 +42,10 @@ def test_statistics_are_the_gradient():
     policy = SoftmaxPolicy(rng.normal(size=(PROBLEM.features.shape[1], PROBLEM.space.n)), penalty)
     taken, statistics = policy.collect_suff_stats(PROBLEM.features, PROBLEM.actions, WEIGHT)
     np.testing.assert_allclose(WEIGHT @ taken - policy.penalty(), objective(policy.weights, penalty))
+    _, hessian = policy.with_preconditioner(PROBLEM, WEIGHT, penalty, 1.0)
+    near, _ = policy.m_step(statistics, 1e-2, hessian, np.empty((0, 2, *policy.weights.shape)))
+    gained = objective(near.weights, penalty) - objective(policy.weights, penalty)
+    assert (np.abs(near.weights - policy.weights).max() <= 1e-2) & (gained > 0)
     direction = rng.normal(size=policy.weights.shape)
     direction -= direction.mean(axis=1, keepdims=True)  # what all actions share changes no probability
     up, down = (objective(policy.weights + h * direction, penalty) for h in (1e-5, -1e-5))

@@ -13,7 +13,7 @@ from problems import continuous_zoo, make_continuous, ridge
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box
 from rpil.policies.linear import linear_policy
-from rpil.policies.student import DEGREES_OF_FREEDOM, StudentPolicy
+from rpil.policies.student import DEGREES_OF_FREEDOM, StudentPolicy, _Fitted
 
 ZOO = continuous_zoo(0)
 
@@ -118,6 +118,29 @@ def test_it_ends_where_no_direction_is_better():
         assert objective(replace(policy, weights=weights, cholesky=cholesky), problem, weight) <= best + 1e-9
     for freedom in DEGREES_OF_FREEDOM:
         assert objective(replace(policy, freedom=float(freedom)), problem, weight) <= best + 1e-9
+
+
+def test_steps_by_sums_reach_the_fit_within_a_radius_and_those_without_weight_change_nothing():
+    problem, history = ZOO["noisy"].problem(), np.empty((0, 2, 0, 0))
+    weight = np.random.default_rng(0).random(len(problem.actions))
+    policy = start = zero(problem)
+    sums = policy.collect_suff_stats(problem.features, problem.actions, 0 * weight)[1]
+    assert (policy.gradient_norm(sums), policy.m_step(sums, np.inf, None, history)[0]) == (0.0, policy)
+    sums = policy.collect_suff_stats(problem.features, problem.actions, weight)[1]
+    assert sums[-1] == 0  # errors beyond a bound
+    near, _ = policy.m_step(sums, 1e-2, None, history)
+    moved = np.abs(near.weights - policy.weights) / np.sqrt((policy.cholesky**2).sum(axis=1))
+    assert moved.max() == pytest.approx(1e-2)
+    for _ in range(100):
+        last = policy.collect_suff_stats(problem.features, problem.actions, weight)[1]
+        policy, _ = policy.m_step(last, np.inf, None, history)
+    assert policy.gradient_norm(last) < 1e-3 < start.gradient_norm(sums)
+    best, _ = start.fit(problem, weight, tol=0.0, max_iter=2000)
+    assert objective(policy, problem, weight) == pytest.approx(objective(best, problem, weight))
+    begun = _Fitted.at(start, start.outputs(problem.features), problem.actions, weight)
+    step = 3 * (best.weights - start.weights)
+    half = start._shortened(step, problem.features @ step, problem.actions, begun, weight)
+    assert half.objective > begun.objective
 
 
 def test_a_tenth_of_gross_outliers_does_not_move_it():

@@ -66,9 +66,6 @@ def test_ties_of_an_audit_are_those_of_a_fit(audit):
         RPIL(adversary="uniform").fit(TOY.demonstrations, labels=words[:1])
 
 
-ONE_ANSWER = "One answer alone does not make other demonstrations good or bad; give a second one."
-
-
 def test_one_answer_alone_gives_other_demonstrations_no_word(audit):
     one, pair = audit.answered({"d0": "bad"}), audit.answered(pairs=[("d0", "d9")])
     assert one.verdicts == ("bad", *audit.verdicts[1:])
@@ -76,7 +73,7 @@ def test_one_answer_alone_gives_other_demonstrations_no_word(audit):
     assert one.reasons[9].startswith("Different ")
     assert pair.reasons[9].startswith("You called it worse than d0")
     for found in (one, pair):
-        assert found.doubts == (ONE_ANSWER,)
+        assert found.doubts == ("One answer alone does not make other demonstrations good or bad; give a second one.",)
         assert found.claimed.tolist() == audit.claimed.tolist() == [0] * 9 + [-1] * 4
         assert found.notes == audit.notes
     assert one.verdict_counts() == {"good": 0, "open": 8, "outlier": 4, "bad": 1}

@@ -13,7 +13,7 @@ from audits import make_audit
 from rpil.data.errors import DataError
 from rpil.inference.answers import Answers
 from rpil.results.answering import rejecting_rules
-from rpil.results.choice import KEEP_RULES, Asked, choose, read_verdicts, write_verdicts
+from rpil.results.choice import KEEP_RULES, choose, read_verdicts, write_verdicts
 from rpil.results.vocabulary import SIDES
 
 TABLE = {
@@ -30,14 +30,14 @@ def table_of(words, labels=None, rules=None):
     return columns if rules is None else {**columns, "rejected_by": list(rules)}
 
 
-def rule_by_brute_force(table, asked):
+def rule_by_brute_force(table, faulty):
     """The rule of each demonstration, or nothing, in the words of docs/command-line.md, one demonstration at a time."""
     by_verdict = [{"bad": "answers", "adversary": "adversary"}.get(word, "") for word in table["verdict"]]
     rows = zip(table["id"], table["label"], table.get("rejected_by", by_verdict), strict=True)
     rules = []
     for name, label, rule in rows:
         rule = "" if label and not (rule == "outcome" and label == "bad") else rule
-        if name in asked.faulty and rule != "outcome":
+        if name in faulty and rule != "outcome":
             rule = "faults"
         if label == "bad":
             rule = "labels"
@@ -54,9 +54,9 @@ def test_every_rule_by_brute_force():
         labels = rng.choice(["", "good", "bad"], n, p=[0.8, 0.1, 0.1])
         rules = rng.choice(["", "outcome", "answers"], n, p=[0.5, 0.3, 0.2]) if seed % 2 else None
         table = table_of(words, labels, rules)
-        asked = Asked(faulty={f"d{m}" for m in range(n) if rng.random() < 0.1})
-        rules = rule_by_brute_force(table, asked)
-        choice = choose(table, asked)
+        faulty = {f"d{m}" for m in range(n) if rng.random() < 0.1}
+        rules = rule_by_brute_force(table, faulty)
+        choice = choose(table, faulty=faulty)
         assert choice.kept == tuple(name for name, rule in zip(table["id"], rules, strict=True) if not rule), seed
         for rule in KEEP_RULES:
             ids = tuple(name for name, own in zip(table["id"], rules, strict=True) if own == rule)
@@ -137,8 +137,8 @@ def test_an_outcome_of_zero_rejects_and_is_named():
     assert audit.choice.rejected == {"outcome": (0,)}, "a label says more of its demonstration"
     assert audit.choice.lines() == ["Rejected: 1 by success = 0.", "  by success = 0: 0"]
     assert audit.said == ("success = 0", "", "", "")
-    assert choose(audit.table(), Asked(spared={"0"})).kept == (0, 1, 2, 3)
-    assert choose(audit.table(), Asked(share=1.0)).kept == (1, 2, 3)
+    assert choose(audit.table(), spared={"0"}).kept == (0, 1, 2, 3)
+    assert choose(audit.table(), share=1.0).kept == (1, 2, 3)
     both = with_flags([0.0, 1.0, 0.0, np.nan], labels={0: -1})
     assert both.choice.rejected == {"labels": (0,), "outcome": (2,)}
     numbers = with_flags([0.0, 1.0, 0.0, 2.0])
@@ -157,11 +157,11 @@ def test_the_file_of_an_audit_says_the_same_as_the_audit(tmp_path):
         changes = {"anchor": "answers", "labels": labels, "answers": known if labels else Answers.none(10)}
         audit = make_audit(words, ids=ids, **changes)
         write_verdicts(path, audit, audit.table({}))
-        for asked in (Asked(), Asked(share=0.4)):
-            expected = choose(audit.table(), asked)
+        for share in (None, 0.4):
+            expected = choose(audit.table(), share)
             assert expected.kept
-            assert choose(audit.table({}), asked) == expected
-            assert choose(read_verdicts(path), asked) == expected
+            assert choose(audit.table({}), share) == expected
+            assert choose(read_verdicts(path), share) == expected
     assert {*audit.choice.rejected} == {"labels", "outcome", "answers"}
 
 
@@ -182,7 +182,7 @@ def test_labels_are_verdicts(tmp_path):
     choice = choose(table := read_verdicts(tmp_path / "labels.csv"))
     assert (choice.kept, choice.rejected) == (("3", "5"), {"labels": ("4",)})
     with pytest.raises(DataError, match="no numbers in log_odds"):
-        choose(table, Asked(share=0.5))
+        choose(table, share=0.5)
 
 
 def test_a_choice_as_lists_and_lines():
@@ -208,13 +208,13 @@ def test_files_that_are_no_verdicts_are_refused(tmp_path):
 
 def test_what_was_written_to_keep_is_carried_out_by_its_rules(tmp_path):
     table = {"id": [1, 2, 3, 4], "verdict": ["bad", "good", "bad", "open"], "label": ["bad", "", "", ""]}
-    for asked in (Asked(spared={"1"}, faulty={"4"}), Asked(faulty={"2"}), Asked(spared={"1", "3", "9"})):
-        choice = choose(table, asked)
+    for spared, faulty in (({"1"}, {"4"}), (set(), {"2"}), ({"1", "3", "9"}, set())):
+        choice = choose(table, None, faulty, spared)
         path = tmp_path / "keep.json"
         path.write_text(json.dumps(choice.to_dict()))
         again = choose(read_verdicts(path))
         assert ({*again.kept}, again.rejected) == ({*choice.kept}, choice.rejected)
-        assert {*choice.kept}.isdisjoint([4] if asked.faulty == {"4"} else [])
+        assert {*choice.kept}.isdisjoint([4] if faulty == {"4"} else [])
     assert 1 in choice.kept, "spared, though it is labelled bad"
 
 
@@ -231,7 +231,7 @@ def test_what_was_written_to_keep_is_carried_out_by_its_rules(tmp_path):
     ],
 )
 def test_choice(asked, ids):
-    choice = choose(TABLE, Asked(**asked))
+    choice = choose(TABLE, **asked)
     assert list(choice.kept) == [*ids]
     assert sorted([*choice.kept, *itertools.chain(*choice.rejected.values())]) == TABLE["id"], "each is named once"
 

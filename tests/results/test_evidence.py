@@ -22,7 +22,6 @@ from rpil.inference.trust import Judgement, judge
 from rpil.policies.features import FeatureMap, FeatureSettings
 from rpil.results.summary import StepEvidence, by_held_out_policies, deviations
 
-NAMES = ("shoulder", "elbow", "wrist")
 BAD = range(16, 20)
 
 
@@ -44,7 +43,7 @@ def episodes(n_steps: int = 60, discrete: bool = False, stop: int = 50) -> list[
 
 def demonstrations(**options: object) -> Demonstrations:
     found = Demonstrations.from_episodes(episodes(**options))
-    return found if options.get("discrete") else replace(found, action_names=NAMES)
+    return found if options.get("discrete") else replace(found, action_names=("shoulder", "elbow", "wrist"))
 
 
 def judged() -> tuple[Judgement, FitData]:

@@ -39,6 +39,12 @@ def test_states_that_nobody_else_reaches_are_named_where_the_start_is_usual():
     assert found == f"No kept demonstration reaches hand below {np.floor(lowest * 100) / 100:.2f}; 25 does."
 
 
+def test_three_kept_ones_say_what_is_usual():
+    made = Demonstrations.from_episodes([(np.full((9, 1), x), np.zeros(9, int)) for x in (0.0, 1.0, 2.0, 99.0)])
+    assert lost_places(made, range(3)) == ("No kept demonstration starts with observation 0 above 2.0; 3 does.",)
+    assert lost_places(made, range(2)) == ()
+
+
 def test_data_on_disk_lose_the_same_if_they_fit_in_memory(tmp_path, monkeypatch):
     rng = np.random.default_rng(2)
     made = reaches([*usual_starts(25, rng), (90.0, 0.0)], rng)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from audits import make_audit
 from rpil.data.errors import MissingExtraError
+from rpil.results.plots import running_mean
 from rpil.results.vocabulary import COLOURS, SIDES
 
 
@@ -53,6 +54,11 @@ def test_ranking_shows_every_demonstration_in_order_with_its_colour() -> None:
         assert all(audit.verdicts[order[row]] == verdict for row in rows)
         np.testing.assert_array_equal(line.get_xdata(), audit.reliability[order[rows]])
     assert [text.get_text() for text in ax.get_legend().texts] == ["open (6)", "outlier (4)"]
+
+
+def test_the_running_mean_is_over_a_twentieth() -> None:
+    for n, k in ((39, 0), (60, 1)):  # over one value, and over three but at the ends
+        np.testing.assert_allclose(running_mean(np.arange(float(n)))[k : n - k], np.arange(k, n - k))
 
 
 def drawn(ax: Axes) -> dict[float, float]:

@@ -15,7 +15,7 @@ from rpil.estimators.pipeline import Settings
 from rpil.inference.settings import JudgeSettings, OutlierSettings
 from rpil.results import judged
 from rpil.results.choice import write_kept, write_verdicts
-from rpil.results.judged import Provenance, changed_settings, digest
+from rpil.results.judged import changed_settings, digest, provenance_of
 
 
 def test_a_file_has_the_digest_that_every_tool_computes(tmp_path):
@@ -57,14 +57,14 @@ def test_settings_that_differ_are_named():
 def test_outputs_carry_it_and_the_run_does_not_depend_on_it(tmp_path):
     bare = make_audit()
     (tmp_path / "a.csv").write_bytes(b"1,2\n")
-    made = Provenance.of("rpil audit x", 3, {"features": "raw"}, [tmp_path / "a.csv", None])
-    assert made.files == (digest(tmp_path / "a.csv"),)
+    made = provenance_of("rpil audit x", 3, {"features": "raw"}, [tmp_path / "a.csv", None])
+    assert made["files"] == [digest(tmp_path / "a.csv")]
     audit = replace(bare, provenance=made)
     assert audit.run_id == bare.run_id
-    expected = json.loads(json.dumps(audit.provenance.to_dict()))
+    expected = json.loads(json.dumps(audit.provenance))
     write_verdicts(tmp_path / "v.parquet", audit, audit.table({}))
     assert json.loads(pq.read_schema(tmp_path / "v.parquet").metadata[b"rpil.provenance"]) == expected
     write_kept(tmp_path / "k.json", audit, audit.choice)
     assert json.loads((tmp_path / "k.json").read_text())["provenance"] == expected
-    assert audit.to_dict()["provenance"] == audit.provenance.to_dict()
+    assert audit.to_dict()["provenance"] == made
     assert "provenance" not in bare.to_dict()

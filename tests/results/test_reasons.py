@@ -79,9 +79,6 @@ def test_label_is_the_reason_and_its_contradiction_with_the_other_answers_is_tol
     assert audit.reasons == ("Labelled good.", "Labelled bad, which contradicts the other answers: look again.")
 
 
-BAD = "Bad by your answers about others like it."
-
-
 def test_learned_from_outcomes_alone_or_from_answers() -> None:
     answers = replace(Answers.none(4), outcomes=np.array([9.0, 5.0, 1.0, np.nan])[:, None])
     known = {"anchor": "answers", "finding": "answered", "log_odds": np.array([3.0, 0.0, -3.0, -3.0])}
@@ -90,7 +87,8 @@ def test_learned_from_outcomes_alone_or_from_answers() -> None:
     assert alone.reasons[0] == "Good by the outcomes about others like it."
     told = make_audit(words, **known, answers=answers, labels={3: -1}, step_log_ratio=np.ones(80), lengths=[20] * 4)
     between = "Its score is between those of good and bad ones."
-    assert told.reasons == ("Good by your answers about others like it.", between, BAD, "Labelled bad.")
+    good, bad = (f"{side} by your answers about others like it." for side in ("Good", "Bad"))
+    assert told.reasons == (good, between, bad, "Labelled bad.")
 
 
 def test_without_outliers_a_reason_is_the_place_in_the_ranking() -> None:

@@ -159,11 +159,9 @@ def with_interventions(flags):
     return episodes(phase=None, is_human_intervention=np.tile(flags, N))
 
 
-TOOK_OVER = (np.arange(T) >= 15) & (np.arange(T) < 20)
-
-
 def test_a_person_who_takes_over_moves_the_weights_of_steps_and_no_verdict():
-    told, plain = rpil.audit(with_interventions(TOOK_OVER)), rpil.audit(episodes(phase=None))
+    took_over = (np.arange(T) >= 15) & (np.arange(T) < 20)
+    told, plain = rpil.audit(with_interventions(took_over)), rpil.audit(episodes(phase=None))
     assert (told.verdicts, told.finding) == (plain.verdicts, plain.finding)
     np.testing.assert_array_equal(told.log_odds, plain.log_odds)
     signs = np.zeros(T)

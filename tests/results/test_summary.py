@@ -21,7 +21,6 @@ from rpil.results.reasons import TWO_GROUPS
 from rpil.results.record import Audit, Interval
 from rpil.results.summary import audit_from_mixture, notes_of, parts_not_judged, whom_it_trusts
 
-SHARE = Interval(0.3, 0.2, 0.4)
 IDS = ("a", "b", "c", "d", "e")
 LENGTHS = np.array([3, 1, 4, 2, 5])
 
@@ -36,7 +35,7 @@ def mixture_audit(
     state = pooled_state(data, "uniform")
     posterior = Posterior(np.array(log_odds), np.zeros(5), np.zeros(5), np.linspace(-1, 1, n), np.zeros((n, 3)))
     result = MixtureFit(state, posterior, np.array([-2.0, -1.0]), True)
-    return audit_from_mixture(data, result, SHARE, IDS, settings)
+    return audit_from_mixture(data, result, Interval(0.3, 0.2, 0.4), IDS, settings)
 
 
 def test_verdicts_change_at_the_thresholds():

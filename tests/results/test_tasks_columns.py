@@ -10,7 +10,7 @@ import pytest
 from audits import make_audit
 from rpil import Audit
 from rpil.inference.answers import Answers
-from rpil.results.judged import Judged, Provenance, table_fields
+from rpil.results.judged import Judged, table_fields
 from rpil.results.reasons import FIFTHS
 from rpil.results.record import Demonstrator, Interval
 from rpil.results.tasks import first_of, join_audits
@@ -47,7 +47,7 @@ def full_audit() -> Audit:
         own_reasons=tuple(f"For {name}." for name in IDS),
         within="tasks",
         fps=30.0,
-        provenance=Provenance("1", "rpil audit", 0, {"x": ("a", 1, None)}, ()),
+        provenance={"rpil": "1", "settings": {"x": ("a", 1, None)}},
         rejected_by=("", "", "labels", "outcome", "answers", "adversary", "", "", "", ""),
         **{name: rng.random(n) for name in ("from_actions", "from_demonstrator", "from_label")},
     )

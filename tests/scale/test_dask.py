@@ -108,6 +108,7 @@ def test_only_parameters_and_sums_are_sent(cluster):
     assert list(placed.map(_steps)) == [(n,) for n in steps]
     assert placed.total(_steps) == (sum(steps),)
     assert len(list(placed.run(engine._total, _steps))) == 2
+    assert DaskEngine(cluster).n_shards == 4  # two for each thread
 
 
 def _steps(block: Block) -> tuple[float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,14 +13,11 @@ from rpil.inference.fitted_judge import FittedJudge, fit_ratio
 from rpil.inference.held_out import held_out_model
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trust import judge
-from rpil.scale.fit import JudgedSample, judge_everyone, policies_of_parts, score_block
+from rpil.scale.fit import JudgedSample, ascend, judge_everyone, policies_of_parts, score_block
 from rpil.scale.settings import AscentSettings
 from small import SMALL, small_rpil
 
 SETTINGS = JudgeSettings()
-
-
-DATA = make("random", 0, n_good=80, n_bad=40, steps=(20, 60)).demonstrations
 
 
 def of_sample(kind, indices):
@@ -70,6 +68,7 @@ def test_blocks_are_joined_in_order():
         np.testing.assert_allclose(getattr(joined, name), getattr(whole, name))
     expected = sample.judge.ratio.step_ratios(every.features, every.actions, SETTINGS.held_out)[1]
     np.testing.assert_array_equal(whole.log_ratio, expected)
+    np.testing.assert_allclose(whole.reliability, every.mean_steps(expected > 0))
 
 
 def cut(data, some):
@@ -79,8 +78,19 @@ def cut(data, some):
     return of_rows | {"offsets": offsets - offsets[0], "labels": data.labels[some]}
 
 
+def test_a_radius_falls_with_the_objective_and_doubles_after_and_a_gradient_must_halve():
+    for most, n in ((200, 11), (12, 8)):
+        radii, values, policy = [], iter([0, -1, -1, 1, 2, 3, 4, *[5] * 99]), SimpleNamespace(penalty=lambda: 0.0)
+        policy.gradient_norm = lambda _, radii=radii: 0.95 ** len(radii)
+        policy.m_step = lambda _, radius, *__, radii=radii, policy=policy: (radii.append(radius) or policy, None)
+        shards = SimpleNamespace(total=lambda _, values=values: (next(values), None, 1.0))
+        assert ascend(shards, policy, None, AscentSettings(max_passes=most), print) is policy
+        assert radii == [np.inf, 2, 0.25, 0.5, 1, 2, *[np.inf] * n]
+
+
 def test_an_ascent_without_progress_ends():
     said = []
     settings = replace(SMALL, ascent=AscentSettings(tol=0.0))
-    small_rpil(settings=settings, progress=said.append).fit(DATA)
+    toy = make("random", 0, n_good=80, n_bad=40, steps=(20, 60))
+    small_rpil(settings=settings, progress=said.append).fit(toy.demonstrations)
     assert 10 < sum("over everything, objective" in line for line in said) < 40

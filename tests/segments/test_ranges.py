@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,7 @@ def test_rows_and_demonstrations_that_are_bad_are_left_out(data):
     weights = pyarrow.csv.read_csv("w.csv")["weight"].to_numpy()
     own = weights[demonstrations.offsets[1] : demonstrations.offsets[2]]
     assert np.flatnonzero(own == 0).tolist() == [*range(5, 20), *range(30, 40)]
+    assert re.search(r"^\d+ to look at\.$", ok("audit", "a.csv", "--segments", "s.csv").stdout, re.MULTILINE)
     rows = pq.read_table("s.parquet").to_pylist()
     assert {*rows[0]} >= {"id", "start", "end", "kind", "score", "reason"}
     assert {row["kind"] for row in rows} <= {*KINDS}
@@ -116,7 +118,7 @@ def test_ranges_of_an_audit_need_rows_of_it(data):
     for wrong in (np.zeros(3, dtype=bool), np.zeros(demonstrations.n_steps), [True]):
         with pytest.raises(DataError, match="True or False for each of the"):
             audit.ranges(wrong)
-    with pytest.raises(DataError, match="No demonstration is called"):
+    with pytest.raises(DataError, match=r"No demonstration is called .* ids 'plain', .*, '=1\+1', \.\.\.\.$"):
         audit.ranges(kept=["nobody"])
     everything = np.ones(demonstrations.n_steps, dtype=bool)
     assert audit.ranges(everything, ["plain"]) == {"plain": []}

@@ -20,6 +20,7 @@ def test_good_and_bad_are_labelled(kind):
     assert sorted(made.is_good) == [0, 0, 1, 1, 1]
     assert made.returns.shape == (5,)
     assert len(made.episodes) == 5
+    assert simulate(CAR, kind, n_good=0, n_bad=1, seed=0).is_good.tolist() == [0]
     agrees = np.array([(expert(CAR).predict(seen) == actions).mean() for seen, actions in made.episodes])
     assert (agrees[made.is_good == 1] == 1).all()
     assert agrees[made.is_good == 0].max() < 0.95
@@ -51,7 +52,6 @@ def test_errors_are_one_sentence(arguments, words):
 
 
 N, D, K = 2001, 3, 4
-NUMBERED = Discrete(K)
 # One range around zero and one far from it.
 BOX = Box(np.float32([-2, 10]), np.float32([2, 11]))
 
@@ -76,7 +76,7 @@ def continuous(episode):
 
 
 def spoil(kind, episode, seed=0):
-    space = NUMBERED if episode[1].ndim == 1 else BOX
+    space = Discrete(K) if episode[1].ndim == 1 else BOX
     return CORRUPTIONS[kind](*episode, space, np.random.default_rng(seed))
 
 

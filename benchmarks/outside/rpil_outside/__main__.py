@@ -96,14 +96,15 @@ def list_worlds(options: argparse.Namespace, worlds: Mapping[str, World]) -> int
 
 
 def lacking(world: World) -> list[str]:
-    """Modules that the world needs and that are not installed."""
-    return [name for name in getattr(world, "needs", ()) if importlib.util.find_spec(name) is None]
+    """Modules that the world needs and that are not installed, and its files that are not there."""
+    missing = [name for name in getattr(world, "needs", ()) if importlib.util.find_spec(name) is None]
+    return [*missing, *(str(path) for path in getattr(world, "files", ()) if not path.exists())]
 
 
 def chosen(options: argparse.Namespace, worlds: Mapping[str, World]) -> World:
     world = worlds[options.world]
     if lacking(world):
-        raise SystemExit(f"{world.name} needs {', '.join(lacking(world))}: pip install -e 'benchmarks/outside[all]'.")
+        raise SystemExit(f"{world.name} needs {', '.join(lacking(world))}; the README of rpil_outside says whence.")
     return world
 
 
@@ -115,7 +116,7 @@ def run_world(options: argparse.Namespace, worlds: Mapping[str, World]) -> int:
 
 
 def run_night(options: argparse.Namespace, worlds: Mapping[str, World]) -> int:
-    """Run the telling cells of each world whose packages are here: all of a seed before the next seed."""
+    """Run the telling cells of each world whose packages and files are here: all of a seed before the next seed."""
     here = [world for world in worlds.values() if not lacking(world)]
     for world in worlds.values():
         if lacking(world):

@@ -11,20 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rpil.cli import commands, terminal
-from rpil.cli.options import (
-    JUDGE_OPTIONS,
-    LABELS_FILE,
-    SEGMENT_OPTIONS,
-    OutputFile,
-    RunOptions,
-    Value,
-    command_words,
-    faults_option,
-    format_option,
-    verdict_limit,
-    with_options,
-)
+from rpil.cli import commands, options, terminal
+from rpil.cli.options import LABELS_FILE, RunOptions, Value, command_words
 from rpil.cli.terminal import THEN_RUN, fit, line_width, print_lines, show_stages, table_lines
 from rpil.data.files import check_outputs
 from rpil.data.text import MAX_LISTED_NAMES, listed, printable
@@ -38,21 +26,23 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("file", type=click.Path())
-@click.option("--report", type=OutputFile(".html"), help="Also write a report as a web page.")
-@click.option("--weights", type=OutputFile(".parquet", ".csv"), help="Also write a training weight for every step.")
+@click.option("--report", type=options.OutputFile(".html"), help="Also write a report as a web page.")
+@click.option(
+    "--weights", type=options.OutputFile(".parquet", ".csv"), help="Also write a training weight for every step."
+)
 @click.option(
     "--verdicts",
-    type=OutputFile(".csv", ".parquet", ".json"),
+    type=options.OutputFile(".csv", ".parquet", ".json"),
     help="Also write a table with one row for every demonstration.",
 )
 @click.option(
     "--keep",
-    type=OutputFile(".json"),
+    type=options.OutputFile(".json"),
     help="Also write the ids of the demonstrations to keep, all but the rejected ones, as LeRobot takes them.",
 )
 @click.option(
     "--fail-on",
-    callback=verdict_limit,
+    callback=options.verdict_limit,
     metavar="outlier|bad[:N]",
     help="Exit with code 1 if more than N demonstrations (default: 0) are outliers or bad.",
 )
@@ -64,8 +54,8 @@ if TYPE_CHECKING:
     "meta/episodes, for episode_filter.",
 )
 @click.option("--all", "all_rows", is_flag=True, help="Print a row for each demonstration, with its whole reason.")
-@format_option
-@with_options(*SEGMENT_OPTIONS, faults_option, *JUDGE_OPTIONS)
+@options.format_option
+@options.with_options(*options.SEGMENT_OPTIONS, options.faults_option, *options.JUDGE_OPTIONS)
 @click.pass_context
 def audit(ctx: click.Context, /, file: str, all_rows: bool, form: str, fail_on: str | None, **options: Value) -> int:
     """Print which demonstrations to look at first, and which differ from the rest or are bad.
@@ -89,8 +79,8 @@ def audit(ctx: click.Context, /, file: str, all_rows: bool, form: str, fail_on: 
             find(file).check_annotate(outputs["annotate"])
         run = commands.judge(file, given, progress)
         recording, faults = run.recording, commands.look_for_faults(run.recording, progress, rules=given.without_faults)
-        run = replace(run, faults=faults, asked=commands.choice_asked(given, faults) if lists else None)
-        run = replace(run, idle=idle, pattern=pattern)
+        faulty = commands.faulty_ids(given, faults) if lists else frozenset[str]()
+        run = replace(run, faults=faults, faulty=faulty, idle=idle, pattern=pattern)
         said = commands.write_outputs(outputs, run, progress)
     result = run.audit
     if form == "json":
@@ -118,8 +108,7 @@ def closing_lines(ctx: click.Context, audit: Audit) -> list[str]:
     """The next step, with the command to run then; nothing if the user wants it quiet."""
     if ctx.params["quiet"]:
         return []
-    labels = ctx.params["labels"] or LABELS_FILE
-    return ["", *next_steps(audit, labels, command_words(ctx, str(ctx.info_name)))]
+    return ["", *next_steps(audit, ctx.params["labels"] or LABELS_FILE, command_words(ctx, str(ctx.info_name)))]
 
 
 MAX_LINES, MIN_ROWS, MAX_ROWS = 25, 2, 8

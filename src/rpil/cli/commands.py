@@ -9,7 +9,7 @@ import os
 import shlex
 import sys
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
     from rpil.formats.columns import ColumnOptions
     from rpil.formats.recording import Recording
-    from rpil.results.choice import Asked, Choice
+    from rpil.results.choice import Choice
     from rpil.results.html.page import About
     from rpil.results.record import Audit
     from rpil.segments.ranges import Segments
@@ -111,8 +111,9 @@ class AuditRun:
     demonstrators: Mapping[str, str]
     """By the ids of their demonstrations."""
     faults: FaultReport | None = None
-    asked: Asked | None = None
-    """The options that say which demonstrations to keep."""
+    faulty: Set[str] = frozenset()
+    spared: Set[str] = frozenset()
+    """Demonstrations that are rejected for a fault, and those that are kept; see `rpil.results.choice.choose`."""
     idle: str = "keep"
     pattern: str = "{id}"
     """How to treat idle rows, and the pattern of keys; see ``--ranges``."""
@@ -120,9 +121,9 @@ class AuditRun:
     @cached_property
     def choice(self) -> Choice:
         """The kept demonstrations, and why the others are not kept."""
-        from rpil.results.choice import Asked, choose
+        from rpil.results.choice import choose
 
-        return choose(self.audit.table(), self.asked or Asked())
+        return choose(self.audit.table(), faulty=self.faulty, spared=self.spared)
 
     @cached_property
     def ranges(self) -> dict[str, list[tuple[int, int]]]:
@@ -271,15 +272,11 @@ def about(run: AuditRun) -> About:
     )
 
 
-def choice_asked(options: RunOptions, report: FaultReport | None, share: float | None = None) -> Asked:
-    """The choice that a user asks for; a line on stderr where a named rule could not be applied."""
-    from rpil.results.choice import Asked
-
-    unknown, faults = (report.not_checked, report.findings) if report else ({}, ())
-    for rule in filter(unknown.__contains__, options.without_faults):
-        click.echo(f"note: --without-faults: {rule} was not checked, because {unknown[rule]}.", err=True)
-    faulty = {str(fault.id) for fault in faults if fault.rule in options.without_faults}
-    return Asked(share, faulty)
+def faulty_ids(options: RunOptions, report: FaultReport) -> set[str]:
+    """The demonstrations with faults that were named; a line on stderr where a named rule could not be applied."""
+    for rule in filter(report.not_checked.__contains__, options.without_faults):
+        click.echo(f"note: --without-faults: {rule} was not checked, because {report.not_checked[rule]}.", err=True)
+    return {str(fault.id) for fault in report.findings if fault.rule in options.without_faults}
 
 
 def tell_if_too_many(audit: Audit, limit: str) -> int:

@@ -32,8 +32,7 @@ def run(path: StrPath, seed: int, progress: Callable[[str], None]) -> str:
         f"did not see: AUROC {auroc(*sides):.2f} (95 % interval {low:.2f} to {high:.2f}, the best third against the "
         f"worst), Spearman {spearmanr(people.log_odds, quality).statistic:.2f}."
     )
-    about = About("Overcooked: real people", "cramped_room")
-    write_page(path, people, about, [("Compared with the truth", sentence)])
+    write_page(path, people, About("Overcooked: real people", "cramped_room"), [("Compared with the truth", sentence)])
     return sentence
 
 

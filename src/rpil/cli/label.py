@@ -11,6 +11,7 @@ import webbrowser
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -21,17 +22,15 @@ from rpil.cli import commands, terminal
 from rpil.cli.audit import print_finding
 from rpil.cli.options import LABEL_OPTIONS, LABELS_FILE, RunOptions, Value, command_words, with_options
 from rpil.cli.terminal import show_stages
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, optional
 from rpil.data.files import check_outputs, is_dangling
 from rpil.data.memory import LARGEST_TABLE, read_json
 from rpil.data.text import counted
 
 if TYPE_CHECKING:
-    from rpil.cli.questions.server import Review
     from rpil.cli.questions.session import Session
     from rpil.data.memory import Parsed
     from rpil.results.html.page import View
-    from rpil.results.record import Audit
 
 MAX_QUESTIONS = 8
 """Questions that one run asks at most."""
@@ -95,7 +94,8 @@ def last_lines(session: Session, audit: Sequence[str]) -> Iterator[str]:
 
 def ask(session: Session) -> None:
     """Ask until nothing is left, or the user ends it."""
-    from rpil.cli.questions.session import choices, contradiction_lines, count_asked, question_sentence
+    from rpil.cli.questions.session import choices, contradiction_lines, count_asked
+    from rpil.results.answering import question_sentence
 
     click.echo("To say why, write it after the key, as: b slips at 3 s")
     terminal.print_lines(contradiction_lines((), session.audit))
@@ -152,14 +152,23 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
     The page asks the questions of rpil label. It writes each answer at once to labels.csv, or the file of --labels,
     and a run goes on where the last one ended. No other computer can open the page. Ctrl-C ends it.
     """
-    from rpil.cli.questions.server import Gate, application, listen, load_server, serve
+    from rpil.cli.questions.server import Gate, Review, application, listen, serve
+    from rpil.cli.questions.session import EpisodeVideos
 
-    load_server()
+    for name in ("starlette", "uvicorn"):
+        optional(name, "To review on a page", "review")
     with listen(port or 0) as listening, TemporaryDirectory(prefix="rpil-") if browser else nullcontext() as folder:
         quiet = options["quiet"]
         with terminal.print_warnings():  # now, not when the page is closed
-            shown = _review(ctx, *begin(file, options, None), quiet)
-        gate = Gate.new(listening.getsockname()[1])
+            run, session = begin(file, options, None)
+            with show_stages(quiet) as progress:
+                run = replace(run, faults=commands.look_for_faults(run.recording, progress))
+                progress("looking for videos")
+                # By another column of ids, no demonstration is an episode that videos are named after.
+                videos = EpisodeVideos.of(run.source, () if run.recording.options.id else run.audit.ids, run.audit.fps)
+            finish = partial(_finish, ctx, run, session)
+            shown = Review(session, commands.about(run), videos, finish, run.recording.demonstrations)
+        gate = Gate(listening.getsockname()[1])
         click.echo(f"The page is at {gate.url}  (Ctrl-C ends it)")
         if folder:
             page = Path(folder, "review.html")  # all users see what a browser opens, and only this one may read it
@@ -168,26 +177,7 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
             threading.Thread(target=webbrowser.open, args=[page.as_uri()], daemon=True).start()
         with suppress(KeyboardInterrupt):
             serve(application(shown, gate), listening)
-    terminal.print_lines(last_lines(shown.session, command_words(ctx, "audit", WITHOUT)))
-
-
-def _review(ctx: click.Context, run: commands.AuditRun, session: Session, quiet: bool) -> Review:
-    """State that the page shows and changes."""
-    from rpil.cli.questions.server import Review
-    from rpil.cli.questions.session import EpisodeVideos
-
-    with show_stages(quiet) as progress:
-        run = replace(run, faults=commands.look_for_faults(run.recording, progress))
-        progress("looking for videos")
-        # By another column of ids, no demonstration is an episode that videos are named after.
-        videos = EpisodeVideos.of(run.source, () if run.recording.options.id else run.audit.ids, run.audit.fps)
-    return Review(
-        session=session,
-        about=commands.about(run),
-        videos=videos,
-        finish=lambda given: _finish(ctx, run, session, given),
-        data=run.recording.demonstrations,
-    )
+    terminal.print_lines(last_lines(session, command_words(ctx, "audit", WITHOUT)))
 
 
 def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given: Mapping[str, Parsed]) -> View:
@@ -195,12 +185,11 @@ def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given:
     `BESIDE` that of the answers, which replace those of earlier reviews of the same data alone. The page gives the ids
     that are "spared" and the "rules" of faults that reject."""
     from rpil.formats.registry import find
-    from rpil.results.choice import Asked
 
     said = (given.get(name) for name in ("spared", "rules"))
     spared, rules = ({*map(str, one)} if isinstance(one, list) else set() for one in said)
     faulty = {str(fault.id) for fault in (run.faults.findings if run.faults else ()) if fault.rule in rules}
-    run = replace(run, audit=session.audit, asked=Asked(faulty=faulty, spared=spared))
+    run = replace(run, audit=session.audit, faulty=faulty, spared=spared)
     if not given.get("write"):
         places = {name: m for m, name in enumerate(run.audit.ids)}
         rejected = {rule: [places[name] for name in ids] for rule, ids in run.choice.rejected.items()}
@@ -210,7 +199,12 @@ def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given:
     for path in filter(os.path.islink, beside.values()):
         raise DataError(f"{path}: it is a link, and no review writes where a link leads; remove it.")
     check_outputs((run.source, session.path, *run.recording.options.files), beside.values())
-    before = _run_of(beside["keep"], run.audit)
+    before = b""  # the run id in the list to keep, and in the other files, that a review of the same data wrote
+    with suppress(DataError, OSError, ValueError, LookupError, TypeError):
+        kept, made = read_json(Path(beside["keep"]), LARGEST_TABLE), run.audit.provenance or {}
+        is_same = kept["provenance"]["files"][0]["path"] == made["files"][0]["path"]
+        if is_same and len(id_before := str(kept["run"])) == len(run.audit.run_id):  # a letter is in every file
+            before = id_before.encode()
     for path in beside.values():
         if os.path.exists(path) and not (before and before in Path(path).read_bytes()):
             raise DataError(f"{path}: it is there, and no review of these data wrote it; move it to another folder.")
@@ -220,13 +214,3 @@ def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given:
     new = f"{Path(run.source).stem}-kept{suffix}"
     command = [*command_words(ctx, "keep", WITHOUT), "--verdicts", beside["keep"], "-o", new]
     return {"files": beside, "lost": run.lost, "command": shlex.join(command)}
-
-
-def _run_of(path: str, audit: Audit) -> bytes:
-    """The run id in a list to keep that a review of the same data wrote, as in its other files; empty if it is none."""
-    with suppress(DataError, OSError, ValueError, LookupError, TypeError):
-        kept = read_json(Path(path), LARGEST_TABLE)
-        if audit.provenance and kept["provenance"]["files"][0]["path"] == audit.provenance.files[0]["path"]:
-            run = str(kept["run"])
-            return run.encode() if len(run) == len(audit.run_id) else b""  # a letter is in every file
-    return b""

@@ -9,25 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rpil.cli import commands, terminal
+from rpil.cli import commands, options, terminal
 from rpil.cli.audit import audit, closing_lines, print_finding
 from rpil.cli.check import check
 from rpil.cli.label import label, review
-from rpil.cli.options import (
-    COLUMN_OPTIONS,
-    FIT_OPTIONS,
-    JUDGE_OPTIONS,
-    OutputFile,
-    RunOptions,
-    command_words,
-    faults_option,
-    outcome_option,
-    pop_columns,
-    quiet_option,
-    seed_option,
-    session_option,
-    with_options,
-)
+from rpil.cli.options import RunOptions, command_words, pop_columns
 from rpil.cli.terminal import LOADING, print_lines, show_stages
 from rpil.data.errors import DataError
 from rpil.data.files import check_outputs
@@ -66,9 +52,9 @@ for command in (audit, check, label, review):
     "--format", "form", type=click.Choice(("text", "json")), default="text", show_default=True, help="What to print."
 )
 @click.option("--set", "table", is_flag=True, help=SET)
-@outcome_option
-@session_option
-@with_options(*COLUMN_OPTIONS)
+@options.outcome_option
+@options.session_option
+@options.with_options(*options.COLUMN_OPTIONS)
 @click.pass_context
 def info(ctx: click.Context, /, file: str, form: str, table: bool, **options: Any) -> None:
     """Print how a file is read: demonstrations, observations, actions, and what is ignored and why."""
@@ -87,10 +73,9 @@ def info(ctx: click.Context, /, file: str, form: str, table: bool, **options: An
         print_lines(recording.description.lines())
     recording.demonstrations  # noqa: B018  # what cannot be audited is an error
     if form == "text":
-        words = command_words(ctx, "audit", without=("memory",))
         operator = recording.description.operator_column
         more = ["--operator", operator] if operator and columns.operator is None else []
-        click.echo(f"\nNext: {shlex.join([*words, *more])}")
+        click.echo(f"\nNext: {shlex.join([*command_words(ctx, 'audit', without=('memory',)), *more])}")
 
 
 @main.command()
@@ -98,7 +83,7 @@ def info(ctx: click.Context, /, file: str, form: str, table: bool, **options: An
 @click.option(
     "-o", "--output", type=click.Path(), metavar="POLICY", required=True, help="File for the policy, with any name."
 )
-@with_options(*FIT_OPTIONS)
+@options.with_options(*options.FIT_OPTIONS)
 @click.pass_context
 def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     """Learn a policy from the demonstrations that can be trusted."""
@@ -131,7 +116,7 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
     metavar="FILE",
     help="Judge nothing, and keep by this file: the CSV of rpil audit --verdicts, the list of --keep, or labels.",
 )
-@with_options(faults_option, *JUDGE_OPTIONS)
+@options.with_options(options.faults_option, *options.JUDGE_OPTIONS)
 def keep(file: str, output: str, share: float | None, verdicts: str | None, **options: Any) -> None:
     """Write the kept demonstrations to a new file of the same format; or, to ids.json, their list.
 
@@ -155,9 +140,10 @@ def keep(file: str, output: str, share: float | None, verdicts: str | None, **op
         else:
             read = commands.open_recording(file, replace(given.columns, allow_missing=True), progress)
             table, named = verdicts_about(verdicts, read.demonstrations.ids, read.ids)
-        faults = commands.look_for_faults(read, progress, True, given.without_faults) if given.without_faults else None
-        asked = commands.choice_asked(given, faults, share)
-        choice = choose(table, asked)
+        faulty = set[str]()
+        if rules := given.without_faults:
+            faulty = commands.faulty_ids(given, commands.look_for_faults(read, progress, True, rules))
+        choice = choose(table, share, faulty)
         if not choice.kept:
             judged_by = f"the verdicts of {verdicts}" if verdicts else "the audit"
             remedy = f"{'choose with --share, or ' * ('log_odds' in table)}change labels"
@@ -183,8 +169,8 @@ def keep(file: str, output: str, share: float | None, verdicts: str | None, **op
 @click.option(
     "--ranges", type=click.Path(), metavar="JSON", help="Write only these rows, each range as a demonstration."
 )
-@quiet_option
-@with_options(*COLUMN_OPTIONS)
+@options.quiet_option
+@options.with_options(*options.COLUMN_OPTIONS)
 def convert(file: str, output: str, ranges: str | None, quiet: bool, **options: Any) -> None:
     """Write the demonstrations as one table, or as NumPy's arrays: one row per step.
 
@@ -211,17 +197,16 @@ def convert(file: str, output: str, ranges: str | None, quiet: bool, **options: 
         progress(f"writing {output}")
         formats.write(output, demonstrations, truth)
     commands.tell_of_set_aside(recording)
-    n = len(demonstrations)
-    size = f"{counted(n, 'demonstration')}, {demonstrations.n_steps:,} steps"
+    size = f"{counted(len(demonstrations), 'demonstration')}, {demonstrations.n_steps:,} steps"
     click.echo(f"{size}: {output}")
 
 
 @main.command()
 @click.option(
-    "-o", "--output", type=OutputFile(".html"), default="rpil-demo.html", show_default=True, help="The report."
+    "-o", "--output", type=options.OutputFile(".html"), default="rpil-demo.html", show_default=True, help="The report."
 )
-@seed_option
-@quiet_option
+@options.seed_option
+@options.quiet_option
 def demo(output: str, seed: int, quiet: bool) -> None:
     """Audit real people who play a cooking game, and compare the ranking with their score."""
     check_outputs((), [output])

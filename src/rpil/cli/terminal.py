@@ -51,8 +51,7 @@ def print_warnings() -> Iterator[None]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         yield
-    of_users = (warning.message for warning in caught if issubclass(warning.category, UserWarning))
-    messages = map(str, of_users)
+    messages = map(str, (warning.message for warning in caught if issubclass(warning.category, UserWarning)))
     for message in dict.fromkeys(messages):
         click.echo(f"note: {to_one_line(message)}", err=True)
 

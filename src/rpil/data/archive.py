@@ -13,7 +13,6 @@ import math
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar, dataclass_transform
@@ -24,14 +23,14 @@ from numpy.lib import format as npy
 from rpil.data.arrays import as_array
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_readable, replacing
-from rpil.data.memory import LARGEST_TABLE, check_memory, parse
+from rpil.data.memory import LARGEST_TABLE, check_memory, check_text
 from rpil.numerics.regression import ErrorSettings
 from rpil.numerics.types import Array
 
 VERSION = 15
 """Version of the format; a file of another version is refused."""
 
-_ARRAY = ".npy"  # end of the names of members that hold an array
+MEMBER = ".npy"  # end of the names of members that hold an array
 _HEADER, _SCHEMA, _REMEDY = "header.json", "rpil fitted estimator", "fit and save it again"
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
@@ -168,7 +167,8 @@ def read_archive(path: StrPath) -> tuple[Header, dict[str, Array]]:
             if sum(info.file_size for info in archive.infolist()) > path.stat().st_size:  # what rpil saves is as it is
                 raise DataError(f"{path}: its parts hold more than the file, as rpil saves none; {_REMEDY}.")
             with archive.open(_HEADER) as file:
-                header = parse(file.read(LARGEST_TABLE + 1), f"{path}, {_HEADER}", LARGEST_TABLE)
+                check_text(content := file.read(LARGEST_TABLE + 1), f"{path}, {_HEADER}", LARGEST_TABLE)
+            header = json.loads(content)
         if not isinstance(header, dict) or header.get("schema") != _SCHEMA:
             raise DataError(foreign)
         if header.get("version") != VERSION:
@@ -177,7 +177,7 @@ def read_archive(path: StrPath) -> tuple[Header, dict[str, Array]]:
             here = f"rpil {rpil_version()} reads version {VERSION}"
             raise DataError(f"{path}: {made}, but {here}; use that rpil, or {_REMEDY}.")
         members.remove(_HEADER)
-        names = [member.removesuffix(_ARRAY) for member in members]
+        names = [member.removesuffix(MEMBER) for member in members]
         arrays = dict(zip(names, read_arrays(archive, members, str(path)), strict=True))
         if len(arrays) < len(members):
             raise DataError(f"{path}: its parts do not belong together; {_REMEDY}.")
@@ -192,7 +192,7 @@ def read_arrays(archive: zipfile.ZipFile, members: Sequence[str], where: str) ->
     """
     n_bytes, arrays = 0, []
     for member in members:
-        shape, dtype, n_before = _head(archive, member)
+        shape, dtype, n_before = array_head(archive, member)
         if dtype.hasobject:
             raise DataError(
                 f"{where}: {member!r} holds Python objects, which are never unpickled because that can run any code; "
@@ -204,41 +204,8 @@ def read_arrays(archive: zipfile.ZipFile, members: Sequence[str], where: str) ->
     check_memory(n_bytes, where)
     for member in members:
         with archive.open(member) as stream:
-            array = npy.read_array(stream, allow_pickle=False)
-            arrays.append(as_array(array, f"the values of {member!r}", where))
+            arrays.append(as_array(npy.read_array(stream, allow_pickle=False), f"the values of {member!r}", where))
     return arrays
-
-
-@dataclass(frozen=True)
-class Npz:
-    """The arrays by name in an open NPZ file, which is called `where` in messages."""
-
-    archive: zipfile.ZipFile
-    where: str
-
-    @cached_property
-    def names(self) -> list[str]:
-        """Names of all arrays, in the order of the file."""
-        return [name.removesuffix(_ARRAY) for name in self.archive.namelist() if name.endswith(_ARRAY)]
-
-    def declared(self, name: str) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
-        """The shape and the type that an array says it has."""
-        return _head(self.archive, name + _ARRAY)[:2]
-
-    def read(self, names: Sequence[str]) -> dict[str, Array]:
-        """Some of the arrays; errors are those of `read_arrays`."""
-        return dict(zip(names, read_arrays(self.archive, [name + _ARRAY for name in names], self.where), strict=True))
-
-
-def open_npz(path: Path, where: str = "") -> Npz:
-    """The arrays in the file at `path`, which is closed with them; a `DataError` where it is damaged, or two
-    have one name."""
-    where = where or path.name
-    with guarded(where, "not an NPZ file, or a damaged or truncated one", "write it again"):
-        stored = Npz(zipfile.ZipFile(path), where)
-    if len({*stored.names}) < len(stored.names):
-        raise DataError(f"{where}: it holds two arrays of one name; write it again.")
-    return stored
 
 
 def write_npz(path: Path, arrays: Mapping[str, Array]) -> None:
@@ -254,7 +221,7 @@ def write_arrays(archive: zipfile.ZipFile, arrays: Mapping[str, Array]) -> None:
             npy.write_array(stream, array, allow_pickle=False)
 
 
-def _head(archive: zipfile.ZipFile, member: str) -> tuple[tuple[int, ...], np.dtype[np.generic], int]:
+def array_head(archive: zipfile.ZipFile, member: str) -> tuple[tuple[int, ...], np.dtype[np.generic], int]:
     """The shape and the type that an array says it has, and the bytes before its values."""
     with archive.open(member) as stream:
         is_first = npy.read_magic(stream) == (1, 0)
@@ -297,14 +264,13 @@ def check_settings(settings: Any, **intervals: str) -> None:
     """
     for field in fields(settings):
         value, default = getattr(settings, field.name), field.default
-        several = isinstance(default, tuple)
         kind, numbers = (type(default[0]), value) if isinstance(default, tuple) else (type(default), (value,))
         if kind not in (int, float) or (value is None and "None" in str(field.type)):
             continue
         interval = intervals.get(field.name, "[1, inf)" if kind is int else "(0, inf)")
         if not isinstance(numbers, tuple) or not numbers or not all(_is_in(x, interval, kind) for x in numbers):
             noun = "whole number" if kind is int else "number"
-            must = f"a tuple of {noun}s, each" if several else f"a {noun}"
+            must = f"a tuple of {noun}s, each" if isinstance(default, tuple) else f"a {noun}"
             raise DataError(f"{type(settings).__name__}: {field.name}={value!r} must be {must} in {interval}.")
 
 

@@ -43,8 +43,7 @@ def as_array(values: object, what: str, where: str) -> Array:
         array = np.asarray(values)
         if array.dtype.kind == "T" or (array.dtype.kind == "O" and array.size):
             items = array.ravel().tolist()
-            n_text = sum(isinstance(item, str) for item in items)
-            if 0 < n_text < len(items):
+            if 0 < sum(isinstance(item, str) for item in items) < len(items):
                 raise DataError(f"{where}: {what} mix text with numbers or missing values; use one kind throughout.")
             _check_items(items, what, where)
             flat = np.array(items)

@@ -44,6 +44,11 @@ class Block:
         """Numbers of its demonstrations."""
         return slice(self.first, self.first + len(self.offsets) - 1)
 
+    def part(self, first: int, end: int) -> Block:
+        """Its demonstrations ``first:end``, without copying."""
+        steps, offsets = slice(self.offsets[first], self.offsets[end]), self.offsets[first : end + 1]
+        return Block(self.first + first, self.observations[steps], self.actions[steps], offsets - offsets[0])
+
 
 def shard_bounds(offsets: NDArray[np.int64], n_shards: int, block_steps: int) -> list[list[int]]:
     """For each of `n_shards` shards, or fewer: numbers of the first demonstration of each block, and of the one after.
@@ -238,8 +243,7 @@ class Demonstrations(DemonstrationSet):
         if rows is not None:
             X, y = X[rows], y[rows]
         names = arrays.as_names(observation_names, source)
-        ids = tuple(values[chosen].tolist())
-        return cls(X, y, offsets, ids, names, source, action_kind)
+        return cls(X, y, offsets, tuple(values[chosen].tolist()), names, source, action_kind)
 
     @property
     def n_actions(self) -> int:
@@ -285,14 +289,9 @@ class Demonstrations(DemonstrationSet):
 
     def shards(self, n_shards: int = 1, block_steps: int = BLOCK_STEPS) -> list[list[Block]]:
         """All demonstrations in order, without copying: shards, each a list of blocks; see `shard_bounds`."""
-
-        def block(first: int, end: int) -> Block:
-            steps = slice(self.offsets[first], self.offsets[end])
-            offsets = self.offsets[first : end + 1] - self.offsets[first]
-            return Block(first, self.observations[steps], self.actions[steps], offsets)
-
+        whole = Block(0, self.observations, self.actions, self.offsets)
         bounds = shard_bounds(self.offsets, n_shards, block_steps)
-        return [list(itertools.starmap(block, itertools.pairwise(of_shard))) for of_shard in bounds]
+        return [list(itertools.starmap(whole.part, itertools.pairwise(of_shard))) for of_shard in bounds]
 
     def __iter__(self) -> Iterator[Episode]:
         return (self[m] for m in range(self.n_demonstrations))

@@ -25,12 +25,8 @@ class DataError(ValueError):
     def __init__(self, sentence: str) -> None:
         self.in_shell = sentence = shortened(sentence)
         is_command = "rpil " in sentence  # which is to be copied
-        super().__init__(sentence if is_command else _OPTION.sub(_as_argument, sentence))
-
-
-def _as_argument(option: re.Match[str]) -> str:
-    name = option[1].replace("-", "_")
-    return f"{name}={'True' * (name == 'skip_bad')}"
+        named = _OPTION.sub(lambda one: f"{one[1].replace('-', '_')}={'True' * (one[1] == 'skip-bad')}", sentence)
+        super().__init__(sentence if is_command else named)
 
 
 class DamagedError(DataError):

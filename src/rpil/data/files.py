@@ -108,16 +108,6 @@ def replacing(path: StrPath) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
-@contextmanager
-def new_folder(path: StrPath) -> Iterator[Path]:
-    """Yield a folder beside `path` to fill, as `replacing` does; a `DataError` where `path` is there already."""
-    if Path(path).exists():
-        raise DataError(f"{path}: it is there already; give the path of a new folder.")
-    with replacing(path) as temporary:
-        temporary.mkdir()
-        yield temporary
-
-
 def check_outputs(inputs: Iterable[StrPath | None], outputs: Iterable[StrPath | None]) -> None:
     """A `DataError`, before any work, naming an output that cannot be written, is named twice, or lies in an input."""
     taken = {*(sources := [Path(path).resolve() for path in inputs if path])}

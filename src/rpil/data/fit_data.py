@@ -169,12 +169,11 @@ class FitData:
     def select(self, demonstrations: Array) -> FitData:
         """The data of the demonstrations with these numbers, without demonstrators."""
         steps = np.concatenate([np.arange(self.offsets[m], self.offsets[m + 1]) for m in demonstrations])
-        offsets = np.concatenate([[0], np.cumsum(self.lengths[demonstrations])])
         return replace(
             self,
             features=self.features[steps],
             actions=self.actions[steps],
-            offsets=offsets,
+            offsets=np.concatenate([[0], np.cumsum(self.lengths[demonstrations])]),
             labels=self.labels[demonstrations],
             demonstrators=Demonstrators(),
         )

@@ -165,7 +165,11 @@ def write_answers(path: StrPath, before: bytes | None, answers: Sequence[AnswerR
     old = before or b"id,label\n"
     rows, names, id_column = _csv_rows(old.decode("utf-8-sig"))
     replaced = {row.question for row in answers if not _compared(row.label)}
-    kept = [row for row in rows if _compared(row["label"]) or _said(row, id_column).question not in replaced]
+    kept = []
+    for row in rows:
+        start, end = ((row.get(name) or "").strip() for name in ("start", "end"))
+        said = AnswerRow(from_cell(row[id_column] or ""), row["label"], "", start, end)
+        kept += [row] if _compared(said.label) or said.question not in replaced else []
     for answer in answers:
         kept.append({name: str(to_cell(value)) for name, value in {**answer._asdict(), id_column: answer.id}.items()})
     names += [name for k, name in enumerate(AnswerRow._fields) if k > 1 and any(row[k] != "" for row in answers)]
@@ -177,11 +181,6 @@ def write_answers(path: StrPath, before: bytes | None, answers: Sequence[AnswerR
         csv.writer(lines, delimiter=comma, lineterminator="\n", quoting=quoting).writerow(cells)
     with replacing(path) as temporary:
         temporary.write_bytes(BOM_UTF8 * old.startswith(BOM_UTF8) + lines.getvalue().encode())
-
-
-def _said(row: Mapping[str, str | None], id_column: str) -> AnswerRow:
-    start, end = ((row.get(name) or "").strip() for name in ("start", "end"))
-    return AnswerRow(from_cell(row[id_column] or ""), row["label"], "", start, end)
 
 
 def same_question(m: str, word: object) -> frozenset[str]:

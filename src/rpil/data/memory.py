@@ -102,8 +102,8 @@ def read_text(path: Path, limit: int = LARGEST_METADATA) -> str:
 
 
 def read_json(path: Path, limit: int = LARGEST_METADATA) -> Parsed:
-    """Read a file of JSON; errors are those of `parse`."""
-    return parse(read_text(path, limit), str(path), limit)
+    """Read a file of JSON; errors are those of `check_text`, and a `ValueError` or `RecursionError` if it is none."""
+    return json.loads(read_text(path, limit))
 
 
 def object_in(text: object) -> dict[str, Parsed]:
@@ -115,16 +115,6 @@ def object_in(text: object) -> dict[str, Parsed]:
     return found if isinstance(found, dict) else {}
 
 
-def parse(text: str | bytes, where: str, limit: int = LARGEST_METADATA) -> Parsed:
-    """Parse a text of JSON.
-
-    A `DataError` where it is longer than `limit`, or holds more lists than `MOST_LISTS`; another `ValueError`, or a
-    `RecursionError`, where it is no JSON.
-    """
-    check_text(text, where, limit)
-    return json.loads(text)
-
-
 def check_text(text: str | bytes, where: str, limit: int) -> None:
     """A `DataError` where a text is longer than `limit`, or holds more lists than `MOST_LISTS`."""
     if len(text) > limit:
@@ -132,13 +122,6 @@ def check_text(text: str | bytes, where: str, limit: int) -> None:
     n_lists = text.count("[") + text.count("{") if isinstance(text, str) else text.count(b"[") + text.count(b"{")
     if n_lists > MOST_LISTS:
         raise DataError(f"{where}: it holds more than {MOST_LISTS:,} lists and objects; write it again.")
-
-
-def parse_lines(text: str, where: str, limit: int = LARGEST_METADATA) -> list[Parsed]:
-    """The values of a text with one value of JSON on each line; errors are those of `parse`."""
-    check_text(text, where, limit)
-    lines = text.replace("\r", "\n").split("\n")  # as JSON knows them
-    return [json.loads(line) for line in lines if line.strip()]
 
 
 def finite(value: object) -> object:

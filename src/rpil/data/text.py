@@ -130,7 +130,10 @@ ACTION_COLUMNS = [
     (re.compile(rf"(?:{stem})(?:_(?:ids?|index|idx|label|class|code|name))?"), re.compile(rf"(?:{stem})(?:{rest})"))
     for stem, rest in zip(_ACTION_STEMS, [r"_\w+|\d+"] * 4 + [r"_?\d+"] * 2, strict=True)
 ]
-STEERING = re.compile(r"(?:user_)?(?:steer(?:ing)?|throttle|rudder|aileron|joystick|stick)s?(?:_.*|\d+)?|user_angle")
+STEERING = re.compile(
+    r"(?:user_)?(?:steer(?:ing)?|throttle|rudder|aileron|joystick|stick)s?(?:_.*|\d+)?|user_angle"
+    r"|(?!last|prev|next)\w+_(?:cmd|command)"
+)
 PEDAL = re.compile(r"(?:user_)?(?:gas|brak(?:e|ing)|pedal)s?(?:_.*|\d+)?")
 """Names of columns of what drivers and pilots steer with; with a pedal alone the wheel may have another name."""
 ABOUT_ACTION = re.compile(r".*_(?:mask|probs?|logp|log_?probs?|dim|time|timestamp|is_pad|names?|labels?|type)")

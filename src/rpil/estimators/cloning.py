@@ -67,14 +67,11 @@ class LinearPolicySpec:
         """The feature map, and the policy fitted to all steps by their `weight` (N,)."""
         choice = self.choice(data, codes, weight, space)
         features = self.feature_map(choice, data.observations, weight)
-        ridge = ridge_of(features, self.C, weight.sum(), space)
         used = weight > 0.0
         single = bool(used.sum() * features.n_columns > SINGLE_PRECISION_ENTRIES)
-        design = features.design(data.observations[used], single=single)
-        steps = FitData.from_steps(design, codes[used], space)
-        start = linear_policy(space, ridge, weight.sum())
-        tol = max(self.tol, _SINGLE_PRECISION_TOL) if single else self.tol
-        policy, _ = start.fit(steps, weight[used], tol=tol)
+        steps = FitData.from_steps(features.design(data.observations[used], single=single), codes[used], space)
+        start = linear_policy(space, ridge_of(features, self.C, weight.sum(), space), weight.sum())
+        policy, _ = start.fit(steps, weight[used], tol=max(self.tol, _SINGLE_PRECISION_TOL) if single else self.tol)
         return features, policy.with_temperature(choice.temperature)
 
 
@@ -179,8 +176,7 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
 
     def _outputs(self, X: ArrayLike) -> Array:
         check_is_fitted(self)
-        rows = cast(Array, validate_data(self, X, reset=False))
-        return self.policy_.outputs(self.features_.design(rows))
+        return self.policy_.outputs(self.features_.design(cast(Array, validate_data(self, X, reset=False))))
 
     def _linear(self) -> tuple[FeatureMap, Array]:
         """The feature map and the weights (F + 1, K) of a linear policy; no other policy has coefficients."""

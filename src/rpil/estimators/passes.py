@@ -61,7 +61,7 @@ def fit_sampled(task: Task, options: FitOptions, learns: bool = True) -> FitResu
         audit = replace(audit, taken_over=task.taken_over)
         audit = replace(audit, step_weight=weights_of(audit))
     result = replace(result, audit=audit)
-    return learned(task, options, demonstrations, sample, blocks, trust, result) if learns else result
+    return learned(task, options, demonstrations, sample, shards, trust, result) if learns else result
 
 
 def learned(
@@ -69,7 +69,7 @@ def learned(
     options: FitOptions,
     demonstrations: Demonstrations,
     sample: JudgedSample,
-    blocks: Shards[tuple[Block, FitData]],
+    shards: Shards[Block],
     trust: Array,
     result: FitResult,
 ) -> FitResult:
@@ -79,7 +79,7 @@ def learned(
     choice = options.linear.choice(demonstrations, data.actions, weight, space)
     features = options.linear.feature_map(choice, demonstrations.observations, weight)
     data = replace(data, features=features.design(demonstrations.observations, single=True))
-    weighted = blocks.then(WeightedMap(DesignMap(features, space, task.classes), trust))
+    weighted = shards.then(WeightedMap(DesignMap(features, space, task.classes), trust))
     ridge, final_ridge = (ridge_of(features, options.C, float(n), space) for n in (weight.sum(), total))
     zero, final = linear_policy(space, ridge, weight.sum()), linear_policy(space, final_ridge, total)
     first, _ = zero.fit(data, weight)

@@ -91,8 +91,18 @@ def load(path: StrPath) -> SavedEstimator:
     header, arrays = read_archive(path)
     try:
         estimator = _restore(header, Decoder(arrays))
-        with np.errstate(all="ignore"):
-            _try_out(estimator)
+        with np.errstate(all="ignore"):  # used on one step, so that parts of different shapes fail here and not later
+            observation, classes = np.zeros((1, estimator.n_features_in_)), estimator.classes_
+            outputs = estimator.policy_.outputs(estimator.features_.design(observation))
+            action = estimator.space_.act(outputs)
+            sound = np.isfinite(outputs).all() and np.isfinite(action).all() and (classes[:-1] < classes[1:]).all()
+            sound &= len(classes) == getattr(estimator.space_, "n", 0)
+            if isinstance(estimator, RMEnt):
+                sound &= len(estimator.ids_) == len(estimator.weights_)
+            if isinstance(estimator, RPIL):
+                sound &= estimator.state_ is None or np.isfinite(estimator.state_.prior.log).all()
+        if not sound:
+            raise ValueError("values out of range")
     except Exception as error:  # edited values make NumPy and Python raise errors of many types
         raise DataError(f"{path}: its parts do not belong together; fit and save it again.") from error
     return estimator
@@ -118,19 +128,3 @@ def _restore(header: dict[str, Any], decoder: Decoder) -> SavedEstimator:
     if decoder.arrays:
         raise KeyError(f"unknown arrays {sorted(decoder.arrays)}")
     return estimator
-
-
-def _try_out(estimator: SavedEstimator) -> None:
-    """Use the estimator on one step, so that parts of different shapes fail here and not later."""
-    observation, classes = np.zeros((1, estimator.n_features_in_)), estimator.classes_
-    space = estimator.space_
-    outputs = estimator.policy_.outputs(estimator.features_.design(observation))
-    action = space.act(outputs)
-    sound = np.isfinite(outputs).all() and np.isfinite(action).all() and (classes[:-1] < classes[1:]).all()
-    sound &= len(classes) == getattr(space, "n", 0)
-    if isinstance(estimator, RMEnt):
-        sound &= len(estimator.ids_) == len(estimator.weights_)
-    if isinstance(estimator, RPIL):
-        sound &= estimator.state_ is None or np.isfinite(estimator.state_.prior.log).all()
-    if not sound:
-        raise ValueError("values out of range")

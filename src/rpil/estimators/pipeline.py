@@ -22,7 +22,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.estimators.task import Task
 from rpil.inference.answers import check_copied_labels
-from rpil.inference.held_out import HeldOutModel, HeldOutPolicy, HeldOutRidge, HeldOutSoftmax, held_out_model
+from rpil.inference.held_out import HeldOutPolicy, HeldOutRidge, HeldOutSoftmax, held_out_model
 from rpil.inference.parts import judged_parts
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trust import Judgement, judge, repeated
@@ -30,17 +30,10 @@ from rpil.mixture.settings import MixtureSettings
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.settings import CrossFitSettings, SelectionSettings
+from rpil.results import summary
 from rpil.results.judged import AuditSettings
 from rpil.results.record import Audit, Interval
 from rpil.results.step_weights import weights_of
-from rpil.results.summary import (
-    COMPARED,
-    audit_from_judgement,
-    audit_from_mixture,
-    by_held_out_policies,
-    deviations,
-    parts_not_judged,
-)
 from rpil.scale.settings import AscentSettings, SampleSettings
 
 if TYPE_CHECKING:
@@ -158,17 +151,6 @@ class FitOptions:
         check_squares([seen.min(axis=0), seen.max(axis=0)], what, demonstrations.observation_names)
         return FeatureMap.fit(kind, seen, offsets=offsets, settings=self.settings.selection.maps)
 
-    def linear_data(self, demonstrations: Demonstrations, data: FitData) -> FitData:
-        """The data of the judge, with features of a linear policy where the policy is the user's."""
-        if self.policy is None:
-            return data
-        seen, settings = demonstrations.observations, self.settings.selection.maps
-        if seen.shape[1] > MAX_COLUMNS:  # as of pictures
-            rng = np.random.default_rng(0)
-            seen = seen @ rng.normal(size=(seen.shape[1], MAX_COLUMNS)) / np.sqrt(seen.shape[1])
-        features = FeatureMap.fit("folded", seen, offsets=demonstrations.offsets, settings=settings)
-        return replace(data, features=features.design(seen))
-
     def judged(self, data: FitData) -> FitData:
         """The data with the parts of continuous actions that the judge sees; the user's policy needs all of them."""
         if self.policy is not None or not data.space.has_density:
@@ -205,7 +187,7 @@ def decide_by_mixture(data: FitData, features: Features, ids: Sequence[Hashable]
     search = SearchSettings(start, settings.mixture, partial(judged_starts, data, settings))
     result = fit_mixture(data, search, options.adversary, options.progress)
     share = Interval(*result.state.prior.interval(result.posterior.expert))
-    audit = audit_from_mixture(data, result, share, ids, settings.audit)
+    audit = summary.audit_from_mixture(data, result, share, ids, settings.audit)
     fitted = FitResult(audit, features, state=result.state, converged=bool(result.converged))
     return replace(fitted, n_iter=max(1, len(result.history) - 1), lower_bound=result.objective)
 
@@ -215,20 +197,25 @@ def judged_starts(data: FitData, settings: Settings) -> dict[str, Array]:
     judged = judge(data, held_out_model(data, settings.judge.held_out), settings.judge)
     best = np.argsort(-judged.scores.score, kind="stable")[: settings.mixture.single_starts]
     single = {f"single {m}": (np.arange(data.n_demonstrations) == m).astype(float) for m in best}
-    return {"agreeing": judged.training_group.astype(float)} | single
+    return {"agreeing": judged.scores.fit.group.astype(float)} | single
 
 
 def judge_by_options(
     demonstrations: Demonstrations, data: FitData, options: FitOptions, learns: bool
 ) -> tuple[Judgement, HeldOutSoftmax | HeldOutRidge]:
     """Judge demonstrations; also return the held-out linear policies, which find the part that a learner trusts."""
-    settings = options.settings.judge
-    linear = held_out_model(options.linear_data(demonstrations, data), settings.held_out)
-    with_prior = replace(settings, parts=replace(settings.parts, prior=options.settings.mixture.prior))
-    model: HeldOutModel = linear
+    settings, seen_linearly, model = options.settings.judge, data, None
     if options.policy is not None:
         model = HeldOutPolicy(data, options.cross_fitted(data.space, len(data.actions)), settings.held_out)
-    return judge(data, model, with_prior, options.progress, linear.data if learns else None), linear
+        seen, maps = demonstrations.observations, options.settings.selection.maps
+        if seen.shape[1] > MAX_COLUMNS:  # as of pictures
+            rng = np.random.default_rng(0)
+            seen = seen @ rng.normal(size=(seen.shape[1], MAX_COLUMNS)) / np.sqrt(seen.shape[1])
+        features = FeatureMap.fit("folded", seen, offsets=demonstrations.offsets, settings=maps)
+        seen_linearly = replace(data, features=features.design(seen))
+    linear = held_out_model(seen_linearly, settings.held_out)
+    with_prior = replace(settings, parts=replace(settings.parts, prior=options.settings.mixture.prior))
+    return judge(data, model or linear, with_prior, options.progress, linear.data if learns else None), linear
 
 
 def decided(
@@ -237,7 +224,7 @@ def decided(
     """The audit of a judgement of all demonstrations, with the answers that were given."""
     # An audit answers like the judge, and without a policy its weights are for other trainings.
     settings = replace(options.settings.audit, judge=options.settings.judge, weighs_for_learner=learns)
-    audit = audit_from_judgement(judgement, data, task.source.ids, task.answers, settings)
+    audit = summary.audit_from_judgement(judgement, data, task.source.ids, task.answers, settings)
     fit, p_two = judgement.scores.fit, judgement.scores.groups.p_two
     return FitResult(audit, features, n_iter=len(fit.history), lower_bound=float(fit.history[-1]), p_two=p_two)
 
@@ -258,11 +245,11 @@ def fit_full(task: Task, options: FitOptions, learns: bool = True) -> FitResult:
             whole = fit_data(task, options, every, features)
             judgement = repeated(judgement, copies, whole.offsets)
         result = decided(task, options, judgement, whole, features, learns)
-        notes = *result.audit.notes, *parts_not_judged(data), *filter(None, [copies.sentence])
+        notes = *result.audit.notes, *summary.parts_not_judged(data), *filter(None, [copies.sentence])
         audit = replace(result.audit, notes=notes)
-        if audit.finding in COMPARED:
-            evidence = by_held_out_policies(judgement, linear, copies, options.settings.judge.held_out)
-            audit = replace(audit, deviations=deviations(audit, evidence, task.classes))
+        if audit.finding in summary.COMPARED:
+            evidence = summary.by_held_out_policies(judgement, linear, copies, options.settings.judge.held_out)
+            audit = replace(audit, deviations=summary.deviations(audit, evidence, task.classes))
     else:
         result = decide_by_mixture(data, features, every.ids, options)
         audit = result.audit

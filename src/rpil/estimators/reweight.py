@@ -96,7 +96,13 @@ class TrainedPolicy(HeldOutModel):
         key = weight.tobytes()
         if key not in self.cache:
             log_prob, n_rounds = self._train_copies(weight)
-            self.cache[key] = self._with_lapses(log_prob), n_rounds
+            if self.fit_data.space.has_density:  # densities of actions in spreads, like the reference
+                log_prob = log_prob + np.log(ActionScale.of(self.fit_data).spread).sum()
+            settings = self.options.judge.held_out
+            q = log_reference(self.fit_data, np.ones(len(self.data), dtype=bool), settings)
+            # log[(1 - eps) pi + eps q], as in `rpil.inference.held_out`
+            with_lapses = np.logaddexp(np.log1p(-settings.lapse) + log_prob, np.log(settings.lapse) + q)
+            self.cache[key] = np.asarray(with_lapses), n_rounds
         return self.cache[key][0]
 
     def _train_copies(self, weight: Array) -> tuple[Array, int]:
@@ -120,14 +126,6 @@ class TrainedPolicy(HeldOutModel):
             elif n - best_round >= self.options.patience:
                 break
         return best, best_round
-
-    def _with_lapses(self, log_prob: Array) -> Array:
-        """log[(1 - eps) pi + eps q], as in `rpil.inference.held_out`."""
-        if self.fit_data.space.has_density:  # densities of actions in spreads, like the reference
-            log_prob = log_prob + np.log(ActionScale.of(self.fit_data).spread).sum()
-        lapse = self.options.judge.held_out.lapse
-        q = log_reference(self.fit_data, np.ones(len(self.data), dtype=bool), self.options.judge.held_out)
-        return np.asarray(np.logaddexp(np.log1p(-lapse) + log_prob, np.log(lapse) + q))
 
     def train_round(self, policy: P, rows: Array, weight: Array) -> P:
         """The policy after one round of training on some rows."""
@@ -235,7 +233,7 @@ def reweight(
     fold = data.per_step(deal(data, chosen.n_folds, chosen.random_state))
     model = TrainedPolicy(policy, data, once, log_prob, train, fold, chosen, progress)
     judgement = judge(data, model, chosen.judge, progress, data)
-    n_rounds = model.cache[data.per_step(judgement.training_group.astype(float)).tobytes()][1]
+    n_rounds = model.cache[data.per_step(judgement.scores.fit.group.astype(float)).tobytes()][1]
     data = data if once is demonstrations else task.data(demonstrations, features)
     judgement = repeated(judgement, copies, data.offsets)
     settings = replace(chosen.audit, judge=chosen.judge)

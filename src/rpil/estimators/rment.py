@@ -58,11 +58,9 @@ class Selection:
 
 def fit_selected(data: FitData, policy: LinearPolicy, selected: Array, tol: float) -> Selection:
     """Fit the policy to the `selected` (M,) demonstrations, each weighted as one of average length."""
-    weight = selected * data.lengths.mean() / data.lengths
-    subset = data.select(np.flatnonzero(selected))
+    weight, subset = selected * data.lengths.mean() / data.lengths, data.select(np.flatnonzero(selected))
     policy, _ = policy.fit(subset, subset.per_step(weight[selected]), tol=tol)
-    log_prob = policy.log_prob(policy.outputs(data.features), data.actions)
-    log_likelihood = data.sum_steps(log_prob) / data.lengths
+    log_likelihood = data.sum_steps(policy.log_prob(policy.outputs(data.features), data.actions)) / data.lengths
     penalty = policy.penalty() / data.lengths.mean()
     objective = (penalty - log_likelihood[selected].sum()) / selected.sum()
     return Selection(policy, log_likelihood, selected, float(objective), n_fits=1, converged=False)
@@ -99,8 +97,7 @@ def search(
     """The best selection from starts with policies fitted to the `subsets` (M,)."""
 
     def begin(subset: Array) -> Selection:
-        start = fit_selected(data, policy, subset, START_TOL)
-        return concentrate(data, start, n_trusted, START_TOL, START_STEPS)
+        return concentrate(data, fit_selected(data, policy, subset, START_TOL), n_trusted, START_TOL, START_STEPS)
 
     def go_on(start: Selection) -> Selection:
         return concentrate(data, fit_selected(data, start.policy, start.selected, tol), n_trusted, tol, max_iter)
@@ -194,7 +191,14 @@ class RMEnt(PolicyEstimator):
         demonstrations = as_demonstrations(self, X, y, groups)
         task = Task.of(demonstrations)
         space, self.space_, self.classes_ = task.space, task.space, task.classes
-        n_trusted = self._number_trusted(len(demonstrations), demonstrations.source)
+        given, n = self.n_trusted, len(demonstrations)
+        if isinstance(given, float | np.floating) and 0 < given < 1:
+            given = ceil(round(given * n, 9))  # .28 of 25 is 7, whatever floating point says
+        if not isinstance(given, int | np.integer) or not 1 <= given <= n:
+            wrong = f"n_trusted={given!r} of {n} demonstrations"
+            remedy = f"give a whole number from 1 to {n}, or a share between 0 and 1"
+            raise DataError(f"{demonstrations.source}: {wrong}; {remedy}.")
+        n_trusted = int(given)
         with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
             equal = (1.0 / demonstrations.lengths)[demonstrations.groups]
             spec = LinearPolicySpec(self.features, self.C, self.tol, SelectionSettings())
@@ -223,14 +227,3 @@ class RMEnt(PolicyEstimator):
         # where every row is a demonstration, the half that one policy explains best leaves out a class
         tags.classifier_tags.poor_score = True
         return tags
-
-    def _number_trusted(self, n_demonstrations: int, source: str) -> int:
-        given = self.n_trusted
-        if isinstance(given, float | np.floating) and 0 < given < 1:
-            return ceil(round(given * n_demonstrations, 9))  # .28 of 25 is 7, whatever floating point says
-        if not isinstance(given, int | np.integer) or not 1 <= given <= n_demonstrations:
-            raise DataError(
-                f"{source}: n_trusted={given!r} of {n_demonstrations} demonstrations; give a whole number from 1 to "
-                f"{n_demonstrations}, or a share between 0 and 1."
-            )
-        return int(given)

@@ -170,36 +170,28 @@ class RPIL(PolicyEstimator):
             only demonstrations labelled bad.
         """
         labels = self.labels if labels is None else labels
-        if isinstance(X, Recording):
-            return self._fit_recording(X, Statements.of(X, labels, demonstrators, outcome))
-        source = X if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
-        if isinstance(X, Dataset):
-            see(self, X)
-        answers = answers_of(labels, outcome, source)
-        task = Task.of(source, self.action_box, answers, demonstrators)
-        return self._keep(task, fit_task(task, self._options()))
-
-    def _fit_recording(self, recording: Recording, stated: Statements) -> RPIL:
-        """Judge each task and session by itself, and learn one policy by the weights of all."""
-        options = self._options()
-        audit, fits = fit_within_tasks(recording, stated, options)
-        see(self, recording.demonstrations)
+        given = self.get_params(deep=False)
+        chosen = {field.name: given[field.name] for field in fields(FitOptions) if field.name in given}
+        chosen |= {"settings": self.settings or Settings(), "progress": self.progress or (lambda _: None)}
+        options = FitOptions(**chosen)
+        if not isinstance(X, Recording):
+            if isinstance(X, Dataset):
+                see(self, X)
+            source = X if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
+            task = Task.of(source, self.action_box, answers_of(labels, outcome, source), demonstrators)
+            return self._keep(task, fit_task(task, options))
+        # Each task and session is judged by itself, and one policy learned by the weights of all.
+        audit, fits = fit_within_tasks(X, Statements.of(X, labels, demonstrators, outcome), options)
+        see(self, X.demonstrations)
         if not audit.within:
             (task, result), *_ = fits
             return self._keep(task, replace(result, audit=audit))
-        task, results = Task.of(recording.demonstrations.select(slice(None)), self.action_box), [own for _, own in fits]
+        task, results = Task.of(X.demonstrations.select(slice(None)), self.action_box), [own for _, own in fits]
         options.progress("the policy")
         learned = FitResult(audit, *final_policy(task, options, audit.step_weight))
         n_iter, bound = sum(own.n_iter for own in results), float(np.mean([own.lower_bound for own in results]))
         sound = all(own.converged for own in results)
         return self._keep(task, replace(learned, n_iter=n_iter, lower_bound=bound, converged=sound))
-
-    def _options(self) -> FitOptions:
-        """The constructor parameters, with the default settings and a silent progress in the place of None."""
-        given = self.get_params(deep=False)
-        chosen = {field.name: given[field.name] for field in fields(FitOptions) if field.name in given}
-        chosen |= {"settings": self.settings or Settings(), "progress": self.progress or (lambda _: None)}
-        return FitOptions(**chosen)
 
     def _keep(self, task: Task, fitted: FitResult) -> RPIL:
         """Copy the result of a fit."""

@@ -13,27 +13,11 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rpil.data import fit_data, id_values
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
-from rpil.data.fit_data import (
-    DemonstratorNames,
-    Demonstrators,
-    FitData,
-    Outcome,
-    given_outcome,
-    group_by_demonstrator,
-    tells,
-)
-from rpil.data.id_values import (
-    check_ids,
-    label_codes,
-    label_rows,
-    match_pairs,
-    parse_answers,
-    parse_marks,
-    read_answer_rows,
-)
+from rpil.data.fit_data import DemonstratorNames, Demonstrators, FitData, Outcome
 from rpil.data.spaces import Space, action_space, encode_actions
 from rpil.formats.columns import Names
 from rpil.formats.format import Dataset
@@ -63,13 +47,13 @@ def answers_of(
     read, every = demonstrations.ids, ids or demonstrations.ids
     is_file = isinstance(labels, str | os.PathLike)
     source, named = (str(labels), Path(str(labels)).name) if is_file else (demonstrations.source, "the labels")
-    rows = read_answer_rows(cast(StrPath, labels)) if is_file else label_rows(labels)
-    by_id, pairs = parse_answers(rows, named) if rows or is_file else ({}, {})
-    check_ids([*(row.id for row in rows), *chain.from_iterable(pairs)], every, source, "the labels")
-    marks = parse_marks(rows, named, read, demonstrations.lengths)
+    rows = id_values.read_answer_rows(cast(StrPath, labels)) if is_file else id_values.label_rows(labels)
+    by_id, pairs = id_values.parse_answers(rows, named) if rows or is_file else ({}, {})
+    id_values.check_ids([*(row.id for row in rows), *chain.from_iterable(pairs)], every, source, "the labels")
+    marks = id_values.parse_marks(rows, named, read, demonstrations.lengths)
     chosen = {*map(str, read)}
-    better, tied = match_pairs(((pair, word) for pair, word in pairs.items() if chosen >= {*pair}), read)
-    signs = label_codes({name: label for name, label in by_id.items() if name in chosen}, read)
+    better, tied = id_values.match_pairs(((pair, word) for pair, word in pairs.items() if chosen >= {*pair}), read)
+    signs = id_values.label_codes({name: label for name, label in by_id.items() if name in chosen}, read)
     given: dict[str, Outcome | str] = {}
     if outcome is not None and are_names(outcome):
         paths = [outcome] if isinstance(outcome, str) else [*cast("Sequence[str]", outcome)]
@@ -77,7 +61,7 @@ def answers_of(
         given = {stem if stems.count(stem) == 1 else path: path for stem, path in zip(stems, paths, strict=True)}
     elif outcome is not None:
         given = {"outcome": cast(Outcome, outcome)}
-    outcomes = [given_outcome(one, read, demonstrations.source, every) for one in given.values()]
+    outcomes = [fit_data.given_outcome(one, read, demonstrations.source, every) for one in given.values()]
     known = np.column_stack([np.empty((len(read), 0)), *outcomes])
     answers = Answers(signs, better, known, tied, tuple(given), marks=marks)
     if len(marks) and answers.bad_rows(demonstrations.offsets).all():
@@ -116,11 +100,10 @@ class Task:
         if len(source.ids) < 2:
             alone = f"all steps are of demonstration {source.ids[0]!r:.40}, and one demonstration alone (1 sample)"
             raise DataError(f"{source.source}: {alone} cannot be compared; give at least two.")
-        groups = group_by_demonstrator(demonstrators, source)
-        nothing = Answers.none(len(source.ids))
-        answers = answers or nothing
+        groups = fit_data.group_by_demonstrator(demonstrators, source)
+        answers = answers or Answers.none(len(source.ids))
         flag = answers.only_flag
-        telling = [k for k, one in enumerate(answers.outcomes.T) if tells(one) or (k == flag and 0 in one)]
+        telling = [k for k, one in enumerate(answers.outcomes.T) if fit_data.tells(one) or (k == flag and 0 in one)]
         names = tuple(name for k, name in enumerate(answers.names) if k in telling)
         left = telling.index(flag) if flag in telling else -1  # as within one session
         answers = replace(answers, outcomes=answers.outcomes[:, telling], names=names, flag=left)

@@ -28,7 +28,7 @@ from rpil.formats.format import Dataset, Frame
 from rpil.formats.recording import Recording
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
-from rpil.results.judged import Provenance, changed_settings
+from rpil.results.judged import changed_settings, provenance_of
 from rpil.results.record import Audit
 from rpil.results.step_weights import takeover_signs, without_bad_rows
 from rpil.results.tasks import first_of, join_audits
@@ -180,9 +180,9 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
     options.check(task)
     if keeps_policy and (task.answers.labels < 0).all():
         raise DataError(f"{task.source.source}: all demonstrations are labelled bad; leave one that may be good.")
-    fit = fit_full
-    sample = options.settings.sample
-    may_sample = options.judges and options.policy is None and task.source.offsets[-1] > sample.min_steps
+    fit, sample = fit_full, options.settings.sample
+    least = sample.min_samples * sample.min_steps  # of data of which a sample is less, however few its coefficients
+    may_sample = options.judges and options.policy is None and task.source.offsets[-1] > least
     if may_sample and sample.is_smaller_than(task.source.offsets, options.n_sampled_steps(task)):
         from rpil.estimators.passes import fit_sampled as fit
     with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
@@ -321,6 +321,5 @@ def audit_recording(
     The `path` of the recording, where it has one, the `command` and other `files` say where the audit comes from.
     """
     audit, _ = fit_within_tasks(recording, stated, options, keeps_policy=False)
-    changed = changed_settings(options.settings, Settings())
-    provenance = Provenance.of(command, options.random_state, changed, (path, *files))
-    return replace(audit, provenance=provenance, fps=recording.description.fps or recording.times().fps)
+    made = provenance_of(command, options.random_state, changed_settings(options.settings, Settings()), (path, *files))
+    return replace(audit, provenance=made, fps=recording.description.fps or recording.times().fps)

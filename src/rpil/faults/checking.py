@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
@@ -84,7 +83,8 @@ def check(
     times = _times_of(recording, times, fps)
     demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording
     if isinstance(demonstrations, Dataset):
-        demonstrations = replace(demonstrations, layout=replace(demonstrations.layout, allows_missing=True))
+        layout = replace(demonstrations.layout, allows_missing=True, order="F")  # as rules go along columns
+        demonstrations = replace(demonstrations, layout=layout)
     beside, why = _check_files(recording, demonstrations, video)
     if isinstance(recording, Recording) and recording.options.segment is not None:
         why[Length.name] = "--segment ends demonstrations by the clock"
@@ -140,9 +140,8 @@ def _check_steps(
         why[recorded.DroppedFrames.name] = "the recording has no timestamps"
     elif not seconds:
         why[recorded.DroppedFrames.name] = "the timestamps are coarser than the frames; give fps, or --fps"
-    unknown: dict[str, tuple[str, ...]] = {}
-    usual: dict[str, str] = {}
-    idle_ends: dict[Id, tuple[int, int]] = {}
+    unknown, usual = dict[str, tuple[str, ...]](), dict[str, str]()
+    idle_ends = dict[Id, tuple[int, int]]()
     if not kept.any() or (missing and not skip_bad):
         reason = "values are missing; set these demonstrations aside: skip_bad=True, or --skip-bad"
         why |= dict.fromkeys((Duplicate.name, *(rule.name for rule in COMPARING)), reason)
@@ -151,11 +150,13 @@ def _check_steps(
         data = Measurements(learned, measured, ids, demonstrations.lengths[kept], seconds, groups)
         lacking = {rule.name: [*filter(None, map(data.lacking.get, rule.needs))] for rule in COMPARING}
         why |= {name: reasons[0] for name, reasons in lacking.items() if reasons}
-        applied = [rule(data) for rule in COMPARING if rule.name not in why]
-        why |= {rule.name: rule.unknown for rule in applied if rule.silent == rule.names != ()}
-        unknown = {rule.name: rule.silent for rule in applied if rule.silent and rule.name not in why}
-        findings += itertools.chain(Duplicate.find(data), *(rule.findings() for rule in applied))
-        usual = {rule.name: rule.usual() for rule in applied if isinstance(rule, OtherLag) and rule.name not in why}
+        findings += Duplicate.find(data)
+        for rule in (kind(data) for kind in COMPARING if kind.name not in why):  # of which one at a time is in memory
+            silent, is_known = rule.silent, rule.silent != rule.names or not rule.names
+            why |= {} if is_known else {rule.name: rule.unknown}
+            unknown |= {rule.name: silent} if silent and is_known else {}
+            usual |= {rule.name: rule.usual()} if is_known and isinstance(rule, OtherLag) else {}
+            findings += rule.findings()
         usual |= {recorded.DroppedFrames.name: f"a frame every {1e3 * seconds:.4g} ms"} if seconds else {}
         idle_ends = trims(data)
     found, left_out = tuple(without_consequences(findings)), tuple(f.id for f in missing) if skip_bad else ()
@@ -184,9 +185,9 @@ def _measure(
 ) -> tuple[dict[Measure, tuple[Array, ...]], Bool[Array, " M"], list[Fault]]:
     """Measures of the demonstrations without missing values, block by block; a mask of these demonstrations;
     and what is missing in the others."""
-    measures = list(dict.fromkeys([Duplicate.measure, *(rule.measure for rule in COMPARING)]))
-    parts, masks = [], []
-    missing: list[Fault] = []
+    measures = dict.fromkeys([Duplicate.measure, *(rule.measure for rule in COMPARING)])
+    joined, n = dict[Measure, tuple[Array, ...]](), 0  # one array for all blocks: a list of theirs would leave gaps
+    masks, missing = list[Bool[Array, " M"]](), list[Fault]()
     for shard in demonstrations.shards(1, settings.CACHE_STEPS):
         for whole in shard:
             block, kept = set_aside(whole)
@@ -196,9 +197,14 @@ def _measure(
                 missing += recorded.MissingValues.find(whole, demonstrations.ids, labels, seconds)
             if kept.any():
                 moving = MovingBlock.of(block, whole.first + np.flatnonzero(kept), learned.columns)
-                parts.append([measure(moving, learned) for measure in measures])
-    joined = [tuple(map(np.concatenate, zip(*of_measure, strict=True))) for of_measure in zip(*parts, strict=True)]
-    return dict(zip(measures, joined, strict=False)), np.concatenate(masks), missing
+                for measure in measures:
+                    found, n_all = measure(moving, learned), len(demonstrations)
+                    if measure not in joined:
+                        joined[measure] = tuple(np.empty_like(x, shape=(n_all, *x.shape[1:])) for x in found)
+                    for every, x in zip(joined[measure], found, strict=True):
+                        np.copyto(every[n : n + len(x)], x)
+                n += int(kept.sum())
+    return {measure: tuple(x[:n] for x in every) for measure, every in joined.items()}, np.concatenate(masks), missing
 
 
 def without_consequences(findings: Iterable[Fault]) -> list[Fault]:

@@ -112,7 +112,7 @@ class TwoEpisodes(ComparingRule):
     def compare(self) -> Compared:
         own, jumps = ~self.columns.is_action, self.data.measured[Jump.measure]
         first, last, begins, ends = (of_each[:, own] for of_each in self.measured)
-        (jump, step), limit = (x[:, 0] for x in jumps[4:6]), Jump.limit(jumps)
+        (jump, step), limit = (x[:, 0] for x in jumps[3:5]), Jump.limit(jumps)
         usual = np.maximum(begins[1:], ends[:-1]) + self.columns.scale[own]
         tells = ((begins > 0) | (ends > 0)).any(axis=0) & (self.columns.memory[own] >= settings.LEAST_MEMORY)
         between = np.log1p(np.abs(first[1:] - last[:-1]) / usual)[:, tells]
@@ -282,18 +282,19 @@ def path_of(profile: Float[Array, "M K C"]) -> Float[Array, " C"]:
 def two_groups(values: Float[Array, "M F"]) -> Iterator[Bool[Array, " M"]]:
     """The larger ones of the values of each feature that form two groups far apart, of two or more each, and the later
     ones where a feature changes at some place more than by chance."""
-    m, columns = len(values), np.arange(values.shape[1])
-    order = np.sort(values, axis=0)
-    k = np.diff(order, axis=0).argmax(axis=0) + 1
-    low, high = order[k - 1, columns], order[k, columns]
-    apart = high - low > settings.APART * np.maximum(low - order[0], order[-1] - high)
-    apart &= (k > 1) & (k < m - 1)
-    yield from (values[:, apart] >= high[apart]).T
-    off, n = values - values.mean(axis=0), np.arange(1, m)[:, None]
-    between = np.cumsum(off, axis=0)[:-1] ** 2 * m / (n * (m - n))  # the sum of squares that a change explains
-    within = (off**2).sum(axis=0) - between
-    between[[0, -1]] = 0.0
-    at = between.argmax(axis=0)
-    least = (2.0 * settings.BY_CHANCE) ** 2 / max(m - 2, 1) * np.maximum(within[at, columns], 1e-300)
-    is_change = between[at, columns] > least
-    yield from (np.arange(m)[:, None] > at[is_change]).T
+    m, later = len(values), list[Bool[Array, " M"]]()
+    for own in (values[:, k : k + 64] for k in range(0, values.shape[1], 64)):  # of which there may be very many
+        order, columns = np.sort(own, axis=0), np.arange(own.shape[1])
+        k = np.diff(order, axis=0).argmax(axis=0) + 1
+        low, high = order[k - 1, columns], order[k, columns]
+        apart = high - low > settings.APART * np.maximum(low - order[0], order[-1] - high)
+        apart &= (k > 1) & (k < m - 1)
+        yield from (own[:, apart] >= high[apart]).T
+        off, n = own - own.mean(axis=0), np.arange(1, m)[:, None]
+        between = np.cumsum(off, axis=0)[:-1] ** 2 * m / (n * (m - n))  # the sum of squares that a change explains
+        within = (off**2).sum(axis=0) - between
+        between[[0, -1]] = 0.0
+        at = between.argmax(axis=0)
+        least = (2.0 * settings.BY_CHANCE) ** 2 / max(m - 2, 1) * np.maximum(within[at, columns], 1e-300)
+        later += [np.arange(m) > step for step in at[between[at, columns] > least]]
+    yield from later

@@ -7,7 +7,7 @@ from 0 to T, and results are (M, C).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import repeat
 
@@ -17,7 +17,7 @@ from rpil.data.demonstrations import Block, Demonstrations
 from rpil.faults import settings
 from rpil.formats.format import Dataset
 from rpil.numerics.regression import mean_ranks
-from rpil.numerics.types import Array, Bool, Float, Int
+from rpil.numerics.types import Array, Bool, Float, Int, Shaped
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class MeasuredColumns:
     memory: Float[Array, " C"]  # rank correlation of the values of steps with those of the steps before
     noise: Float[Array, " C"] = field(default_factory=lambda: np.zeros(0))
     """Standard deviation of its noise at rest."""
-    motion: float = 1.0  # median of the steps that have any, see `motion_of`
+    motion: float = 1.0  # median of the steps that have any, see `MovingBlock.motion`
     quaternions: Mapping[int, Float[Array, " 4"]] = field(default_factory=dict)
     """The first of four columns that are one, and a rotation whose sign the others take: q and -q are the same."""
     partner: Int[Array, " C"] = field(default_factory=lambda: np.zeros(0, dtype=int))
@@ -48,11 +48,6 @@ class MeasuredColumns:
         for first, towards in self.quaternions.items():
             own[(self.number >= first) & (self.number < first + 4)] *= _signs(block, first, towards)
         return own
-
-    def motion_of(self, size: Float[Array, "C T"]) -> Float[Array, " T"]:
-        """Mean over the columns of the size of their change, relative to their usual one and at most 3."""
-        moved = size / self.scale[:, None]
-        return np.asarray(np.minimum(moved, 3.0, out=moved).mean(axis=0)) if len(moved) else np.zeros(size.shape[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +64,9 @@ class MovingBlock:
     low: Float[Array, "M C"]  # the smallest value
     high: Float[Array, "M C"]
     largest: Float[Array, "M C"]  # of the sizes
-    motion: Float[Array, " T"]  # `MeasuredColumns.motion_of`
+    motion: Float[Array, " T"]  # mean over the columns of the size of the change, in usual ones and at most 3
+    of_states: Float[Array, " T"]  # the same, of the observations alone
+    growth: Float[Array, " T"]  # mean logarithm of the size, in usual ones and 1 more
     moves: Bool[Array, " T"]  # whether a step is not idle
     turn: Float[Array, " C"]  # of an angle that wraps, 0 of others
     leaps: Int[Array, "M C"]  # by a turn
@@ -78,27 +75,35 @@ class MovingBlock:
     def of(cls, block: Block, numbers: Int[Array, " M"], columns: MeasuredColumns) -> MovingBlock:
         """The columns that are compared, of a block; angles that wrap go on beyond a turn."""
         values, offsets = columns.of(block), block.offsets
-        begins, change = offsets[:-1], changes(values, offsets)
-        size = np.abs(change)
-        low, high, largest = (
-            of.reduceat(x, begins, axis=1).T
-            for of, x in ((np.minimum, values), (np.maximum, values), (np.maximum, size))
-        )
-        turn, leaps = np.zeros(len(values)), np.zeros((len(numbers), len(values)), dtype=int)
-        for c in np.flatnonzero(largest.max(axis=0, initial=0.0) >= settings.NEAR_TURN * min(settings.TURNS)).tolist():
-            if turn_of := _turn(values[c], change[c], size[c]):
-                turn[c], leap = turn_of, np.rint(change[c] / turn_of)
-                leaps[:, c] = np.add.reduceat(leap != 0, begins)
-                change[c] -= turn_of * leap
-                size[c] = np.abs(change[c])
+        begins, n_states, many = offsets[:-1], int((~columns.is_action).sum()), max(len(values), 1)
+        change, size = np.empty_like(values), np.empty_like(values)
+        low, high, largest = np.empty((3, len(values), len(begins)))
+        turn, leaps = np.zeros(len(values)), np.zeros((len(values), len(begins)), dtype=int)
+        motion, of_states, growth, product, relative = np.zeros((5, values.shape[1]))
+        for c, (own, moved, far) in enumerate(zip(values, change, size, strict=True)):  # each stays in the cache
+            np.subtract(own[1:], own[:-1], out=moved[1:])
+            moved[begins] = 0.0
+            np.abs(moved, out=far)
+            if far.max() >= settings.NEAR_TURN * min(settings.TURNS) and (turn_of := _turn(own, moved, far)):
+                turn[c], leap = turn_of, np.rint(moved / turn_of)
+                leaps[c] = np.add.reduceat(leap != 0, begins)
+                moved -= turn_of * leap
+                np.abs(moved, out=far)
                 turned = np.add.accumulate(leap)
-                values[c] -= turn_of * (turned - np.repeat(turned[begins], np.diff(offsets)))
-                low[:, c], high[:, c] = (of.reduceat(values[c], begins) for of in (np.minimum, np.maximum))
-                largest[:, c] = np.maximum.reduceat(size[c], begins)
-        motion = columns.motion_of(size)
-        moves = motion > settings.IDLE_MOTION * columns.motion
-        every = values, change, size, low, high, largest, motion, moves, turn, leaps
-        return cls(block, numbers, offsets, columns, *every)
+                own -= turn_of * (turned - np.repeat(turned[begins], np.diff(offsets)))
+            for of, x, out in (np.minimum, own, low), (np.maximum, own, high), (np.maximum, far, largest):
+                of.reduceat(x, begins, out=out[c])
+            np.divide(far, columns.scale[c], out=relative)
+            # The mean of logarithms, which no single column makes large; of products of eight, which are faster.
+            grown = np.minimum(relative + 1.0, 1e36)
+            product = grown if c % 8 == 0 else np.multiply(product, grown, out=product)
+            growth += np.log(product) if c % 8 == 7 or c == many - 1 else 0.0
+            motion += np.minimum(relative, 3.0, out=relative)
+            if c == n_states - 1:
+                of_states = motion / n_states
+        moves = (motion := motion / many) > settings.IDLE_MOTION * columns.motion
+        found = low.T, high.T, largest.T, motion, of_states, growth / many, moves, turn, leaps.T
+        return cls(block, numbers, offsets, columns, values, change, size, *found)
 
 
 def column_labels(demonstrations: Demonstrations | Dataset) -> tuple[str, ...]:
@@ -135,15 +140,9 @@ def _chosen(block: Block, kept: Bool[Array, " M"]) -> Block:
     return Block(block.first, block.observations[chosen], block.actions[chosen], offsets)
 
 
-def ranges_and_zeros(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Array, Array]:
-    """The range of each column in each demonstration, and the share of the steps in which it is 0, (M, C)."""
-    high, low = (of.reduceat(values, offsets[:-1], axis=1) for of in (np.maximum, np.minimum))
-    return (high - low).T, means(values == 0, offsets)
-
-
 def not_recorded(ranges: Float[Array, "M C"], zeros: Float[Array, "M C"]) -> Bool[Array, "M C"]:
-    """Where columns, two or more, are 0 in every step, by `ranges_and_zeros`: not nearly all demonstrations have such a
-    column, most others move, and are not at 0 in most of their steps, as a brake is."""
+    """Where columns, two or more, are 0 in every step, by their range and share of zeros: not nearly all demonstrations
+    have such a column, most others move, and are not at 0 in most of their steps, as a brake is."""
     absent = zeros == 1
     n_others = np.maximum((~absent).sum(axis=0), 1)
     moving, resting = (np.where(absent, 0.0, x).sum(axis=0) / n_others for x in (ranges > 0, zeros))
@@ -174,7 +173,9 @@ def learn_columns(sample: Block, numbers: Int[Array, " M"], labels: tuple[str, .
     everything = all_values(sample).T
     compared = (*range(width), *range(n_observations, len(everything)))
     number = np.array([k for k in compared if _is_measurement(everything[k])], dtype=np.int64)
-    recorded = np.asarray(~not_recorded(*ranges_and_zeros(everything[number], sample.offsets)).any(axis=1))
+    ends = (of.reduceat(everything[number], sample.offsets[:-1], axis=1) for of in (np.maximum, np.minimum))
+    zeros = means((everything[k] == 0 for k in number), sample.offsets)
+    recorded = np.asarray(~not_recorded(np.subtract(*ends).T, zeros).any(axis=1))
     if recorded.mean() >= settings.MOST_ABSENT:
         sample, numbers = _chosen(sample, recorded), numbers[recorded]
     names, ones = tuple(labels[k] for k in number), np.ones(len(number))
@@ -187,10 +188,12 @@ def learn_columns(sample: Block, numbers: Int[Array, " M"], labels: tuple[str, .
     off = np.median(np.abs(moving.values - np.median(moving.values, axis=1, keepdims=True)), axis=1)
     spread = np.where(off > 0, off / 0.6745, moving.values.std(axis=1))
     columns = replace(columns, scale=scale, noise=_noise_at_rest(moving), spread=spread)
-    motion = columns.motion_of(moving.size)
-    moving = MovingBlock.of(sample, numbers, replace(columns, motion=_median_or_one(motion[motion > 0])))
-    share = (moving.size > 0)[:, moving.moves].mean(axis=1) if moving.moves.any() else ones
-    return replace(moving, columns=replace(moving.columns, moving=share, memory=_memory(moving)))
+    moving = MovingBlock.of(sample, numbers, columns)
+    motion = _median_or_one(moving.motion[moving.motion > 0])
+    moves = moving.motion > settings.IDLE_MOTION * motion
+    share = (moving.size > 0)[:, moves].mean(axis=1) if moves.any() else ones
+    columns = replace(columns, motion=motion, moving=share, memory=_memory(moving))
+    return replace(moving, columns=columns, moves=moves)
 
 
 def _noise_at_rest(sample: MovingBlock) -> Float[Array, " C"]:
@@ -273,14 +276,6 @@ def _is_measurement(column: Array) -> bool:
     return not is_byte and not (low >= 0 and high <= 1 and np.allclose(in_parts, np.rint(in_parts), atol=1e-4))
 
 
-def changes(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> Float[Array, "C T"]:
-    """x_t - x_(t-1), and 0 at the first step of each demonstration."""
-    change = np.empty_like(values)
-    np.subtract(values[:, 1:], values[:, :-1], out=change[:, 1:])
-    change[:, offsets[:-1]] = 0.0
-    return change
-
-
 def part_means(values: Float[Array, "C T"], offsets: Int[Array, " _"], n: int) -> Float[Array, "M K C"]:
     """Means over `n` parts of each demonstration, one after the other in time."""
     firsts = offsets[:-1, None] + (np.arange(n) * np.diff(offsets)[:, None]) // n
@@ -288,6 +283,7 @@ def part_means(values: Float[Array, "C T"], offsets: Int[Array, " _"], n: int) -
     return np.ascontiguousarray((np.add.reduceat(values, firsts.ravel(), axis=1) / widths).T).reshape(*firsts.shape, -1)
 
 
-def means(values: Float[Array, "C T"], offsets: Int[Array, " _"]) -> Float[Array, "M C"]:
+def means(columns: Iterable[Shaped[Array, " T"]], offsets: Int[Array, " _"]) -> Float[Array, "M C"]:
     """Mean over the steps of each demonstration."""
-    return np.asarray((np.add.reduceat(values, offsets[:-1], axis=1) / np.diff(offsets)).T)
+    sums = np.array([np.add.reduceat(own, offsets[:-1]) for own in columns]).reshape(-1, len(offsets) - 1)
+    return np.asarray((sums / np.diff(offsets)).T)

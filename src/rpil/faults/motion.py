@@ -11,7 +11,7 @@ from rpil.data.text import counted
 from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock, means
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
-from rpil.faults.still import largest, next_largest, runs_of
+from rpil.faults.still import largest, next_largest
 from rpil.faults.tracking import misfits, parts_of, relation
 from rpil.numerics.types import Array
 
@@ -23,7 +23,7 @@ class Leap(ComparingRule):
 
     def compare(self) -> Compared:
         columns, self.names = self.columns, self.columns.names
-        size, self.first, self.last, most = self.measured[:4]
+        (size, self.last, most), self.first = self.measured[:3], self.measured[1]
         smallest, moved = settings.SMALLEST_LEAP * columns.spread, np.where(most > 0, most, np.nan)
         moved[:, np.isnan(moved).all(axis=0)] = 0.0
         large = np.quantile(most, 0.75, axis=0, method="lower"), np.nanmedian(moved, axis=0)
@@ -51,17 +51,18 @@ class Spike(Leap):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """With changes d_t to step t, the largest max(0, min(|d_t|, |d_t+1|) - max(|d_t-1|, |d_t+2|)) where d_t and
-        d_t+1 have opposite signs; its first and last step, t; and the largest change."""
-        rises, size = block.change > 0, block.size
-        apart = np.zeros_like(size)
-        middle = apart[:, 1:-1]
-        np.minimum(size[:, 1:-1], size[:, 2:], out=middle)
-        middle[:, :-1] -= np.maximum(size[:, :-3], size[:, 3:])
-        middle[:, -1:] -= size[:, -3:-2]
-        middle *= (middle > 0) & (rises[:, 1:-1] != rises[:, 2:])
+        d_t+1 have opposite signs; its step, t; and the largest change."""
+        size, apart, (one, other) = block.size, np.zeros_like(block.size), np.zeros((2, block.size.shape[1]))
+        one, other = one[1:-1], other[1:-1]
+        for change, own, middle in zip(block.change, size, apart[:, 1:-1], strict=True):
+            np.negative(np.minimum(change[1:-1], change[2:], out=one), out=one)
+            np.minimum(one, np.maximum(change[1:-1], change[2:], out=other), out=one)  # below 0 of one sign
+            np.maximum(own[:-3], own[3:], out=other[:-1])
+            other[-1:] = own[-3:-2]
+            np.maximum(np.subtract(one, other, out=one), 0.0, out=middle)
         spike, step = largest(apart, block.offsets)
         others = (next_largest(values, step, block.offsets) for values in (apart, size))
-        return spike, step, step, block.largest, *others
+        return spike, step, block.largest, *others
 
 
 class Jump(Leap):
@@ -73,21 +74,17 @@ class Jump(Leap):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """With changes d_t to step t, the largest |d_t| - max(|d_t-1|, |d_t+1|) where |d_t| is twice as large as both;
-        its first and last step, t - 1 and t; and the largest change."""
-        size, offsets = block.size, block.offsets
-        jump, around = np.zeros_like(size), np.maximum(size[:, :-2], size[:, 2:])
-        np.subtract(size[:, 1:-1], around, out=jump[:, 1:-1])
-        jump[:, 1:-1] *= jump[:, 1:-1] > around
+        its step, t; and the largest change."""
+        size, offsets, jump = block.size, block.offsets, np.zeros_like(block.size)
+        for own, middle in zip(size, jump[:, 1:-1], strict=True):
+            around = np.maximum(own[:-2], own[2:])
+            np.subtract(own[1:-1], around, out=middle)
+            middle *= middle > around
         jump[:, offsets[:-1] + np.minimum(np.diff(offsets) - 1, 1)] = 0.0  # nothing tells how it moved before
         jump[:, offsets[1:] - 1] = 0.0
         top, step = largest(jump, offsets)
-        # How much larger a change is than at the two steps before and after, in all columns together: in logarithms,
-        # whose mean over the columns no single one makes large; one for each eight, as it takes longer than a product.
-        sizes = size / block.columns.scale[:, None]
-        np.minimum(np.add(sizes, 1.0, out=sizes), 1e36, out=sizes)
-        logs = (np.log(sizes[k : k + 8].prod(axis=0)) for k in range(0, len(size), 8))
-        change = sum(logs, np.zeros(size.shape[1])) / max(len(size), 1)
-        together = np.zeros((1, len(change)))
+        # How much larger a change is than at the two steps before and after, in all columns together.
+        change, together = block.growth, np.zeros((1, size.shape[1]))
         together[0, 2:-2] = change[2:-2] - np.max([change[:-4], change[1:-3], change[3:-1], change[4:]], axis=0)
         steps = np.arange(len(change)) - np.repeat(offsets[:-1], lengths := np.diff(offsets))
         together[:, (steps < 3) | (steps >= np.repeat(lengths, lengths) - 2)] = 0.0
@@ -95,16 +92,17 @@ class Jump(Leap):
         second = next_largest(together, at, offsets)
         second[lengths < settings.LEAST_STEPS] = np.inf  # too few to have a next one
         others = (next_largest(values, step, offsets) for values in (jump, size))
-        return top, step - 1, step, block.largest, every, at, second, *others
+        return top, step, block.largest, every, at, second, *others
 
     def compare(self) -> Compared:
-        of_columns, (every, at) = super().compare(), self.measured[4:6]
+        of_columns, (every, at) = super().compare(), self.measured[3:5]
+        self.first = self.last - 1
         return self.with_all(of_columns, above(every, Jump.limit(self.measured) + np.log(self.pace)), at - 1, at)
 
     @staticmethod
     def limit(measured: tuple[Array, ...]) -> float:
         """From where on a leap of all columns is unusual, or far larger than the next of each demonstration."""
-        every, _, second = measured[4:7]
+        every, _, second = measured[3:6]
         low, high = np.quantile(every, [0.25, 0.75])
         usual = high + settings.FENCE * (high - low) + settings.LEAST_OF_ALL
         beyond = settings.NEXT_FACTOR * np.quantile(second, 0.75, method="lower") + settings.BEYOND_NEXT
@@ -133,15 +131,20 @@ class RepeatedFrames(ComparingRule):
         # A state that rests does not begin to move in the step in which the action changes, but after it.
         actions = block.block.actions.reshape(len(block.block.actions), -1)  # codes may be text
         acted = np.append(True, (actions[1:] != actions[:-1]).any(axis=1))
-        moved = np.minimum(size / columns.scale[~columns.is_action, None], 3.0).sum(axis=0) / max(len(size), 1)
-        moves = moved > settings.LEAST_MOTION * least
+        moves = block.of_states > settings.LEAST_MOTION * least
         return *of_states[:3], *RepeatedFrames.between(changed | acted, moves, offsets)[1:]
 
     @staticmethod
     def between(changed: Array, moves: Array, offsets: Array) -> tuple[Array, ...]:
         """Repeated rows between rows that move; the first step and the length of the longest repetition; and the length
         of the next."""
-        runs, starts, bounds = runs_of(changed[None], offsets)
+        changed = changed.copy()
+        changed[offsets[:-1]] = True
+        if changed.all():
+            nothing = np.zeros(len(offsets) - 1, dtype=int)
+            return nothing, nothing + 1, nothing, nothing
+        starts = np.flatnonzero(changed)
+        runs, bounds = np.diff(starts, append=len(changed)), np.searchsorted(starts, offsets[:-1])
         is_first = np.zeros(len(starts), dtype=bool)
         is_first[bounds] = True
         after = np.append(starts[1:], 0)
@@ -179,7 +182,7 @@ class Scale(ComparingRule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """Mean size of a value, and of a change."""
-        return means(np.abs(block.values), block.offsets), means(block.size, block.offsets)
+        return means(map(np.abs, block.values), block.offsets), means(block.size, block.offsets)
 
     def compare(self) -> Compared:
         columns, self.names = self.columns, self.columns.names
@@ -234,14 +237,15 @@ class CommandRule(ComparingRule):
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """Result of `relation` for each demonstration, (M, P); three quantiles of the distance of each action from its
         state, (M, P); the steps that states need for the distance, (M,); and `misfits`."""
-        pairs, gaps, turn = learned.tracked, [], block.turn[learned.tracked.action, None]
+        pairs, gaps, turn = learned.tracked, [], block.turn[learned.tracked.action]
         parts = [*parts_of(block, pairs)]
         for actions, states in parts:
             some = np.s_[:, :: max(actions.shape[1] // 200, 1)]  # enough for quantiles
             gap = actions[some] - pairs.slope[:, None] * states[some]
-            at = [round(q * (gap.shape[1] - 1)) for q in settings.GAP_QUANTILES]
             gap.sort(axis=1)
-            gaps.append(gap[:, at] - turn * np.rint(gap[:, at[1:2]] / np.where(turn > 0, turn, np.inf)))
+            gaps.append(gap[:, [round(q * (gap.shape[1] - 1)) for q in settings.GAP_QUANTILES]])
+        gap = np.moveaxis(np.array(gaps), 2, 0)
+        gap -= turn * np.rint(gap[1] / np.where(turn > 0, turn, np.inf))
         left = misfits(block, pairs) if pairs.fits.any() else np.ones((len(gaps), 2 * settings.MAX_SHIFT + 1))
         own, of = pairs.state[pairs.fits], pairs.action[pairs.fits]
         scale = block.columns.scale[own]  # with leaps as large as ten usual changes at most
@@ -249,7 +253,6 @@ class CommandRule(ComparingRule):
         apart -= block.values[own]
         sizes = np.abs(apart, out=apart), np.minimum(block.size[own], 10.0 * scale[:, None])
         far, step = (np.add.reduceat((1.0 / scale) @ x, block.offsets[:-1]) for x in sizes)
-        gap = np.moveaxis(np.array(gaps), 2, 0)
         return *relation(parts, pairs.is_command), *gap, far / np.maximum(step, 1e-300), left
 
 

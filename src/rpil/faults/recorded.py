@@ -4,14 +4,14 @@ the files beside the demonstrations and in videos."""
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import cast
 
 import numpy as np
 
 from rpil.data.arrays import Id
-from rpil.data.demonstrations import Block, DemonstrationSet
+from rpil.data.demonstrations import BLOCK_STEPS, Block, DemonstrationSet, shard_bounds
 from rpil.data.text import counted, listed, moment
 from rpil.faults import settings
 from rpil.faults.measured_columns import all_values
@@ -68,59 +68,62 @@ class DroppedFrames(Rule):
 
 def recorded_time(times: Times, demonstrations: DemonstrationSet) -> float | None:
     """Seconds between two frames by the timestamps; None where there are none, or all are coarser than the frames."""
-    if times.timestamps is None:
-        return None
-    steps = np.diff(times.timestamps)[_within(demonstrations)]
-    return None if _tick(steps) else usual_step(steps)
+    steps, tick = _steps(times, demonstrations)
+    return None if tick else usual_step(steps)
 
 
-def _tick(steps: Array) -> float:
-    """Unit in which a clock counts that is coarser than the frames, as one of whole seconds; 0 for other clocks."""
+def _steps(times: Times, demonstrations: DemonstrationSet) -> tuple[Array, float]:
+    """Times between rows in each demonstration, or of very many rows in some, spread evenly; and the unit in which a
+    clock counts that is coarser than the frames, as one of whole seconds, or 0."""
+    some, seconds = -(-demonstrations.n_steps // (16 * BLOCK_STEPS)), times.timestamps
+    bounds = zip(demonstrations.offsets[:-1:some].tolist(), demonstrations.offsets[1::some].tolist(), strict=True)
+    steps = np.concatenate([np.zeros(0), *(np.diff(seconds[a:b]) for a, b in bounds if seconds is not None)])
     later = steps[steps > 0]
-    return float(later.min()) if len(later) and np.median(steps) == 0 else 0.0
-
-
-def _within(demonstrations: DemonstrationSet) -> Array:
-    """Whether a step and the one before are of the same demonstration, (N - 1,)."""
-    inside = np.ones(demonstrations.n_steps - 1, dtype=bool)
-    inside[demonstrations.offsets[1:-1] - 1] = False
-    return inside
+    return steps, float(later.min()) if len(later) and np.median(steps) == 0 else 0.0
 
 
 def find_frame_times(times: Times, demonstrations: DemonstrationSet, usual: float | None) -> Iterator[Fault]:
-    """Times between two frames that are too long or too short, where `usual` seconds are usual."""
+    """Times between two frames that are too long or too short, where `usual` seconds are usual; block by block."""
     if times.timestamps is None or usual is None:
         return
-    within = _within(demonstrations)
-    frames = np.where(within, np.diff(times.timestamps), usual) / usual
-    tick = _tick(frames[within])
-    limit = settings.FRAME_GAP + tick
-    yield from _find_rates(frames, limit, demonstrations, usual)
-    late, early = (DroppedFrames.name, frames - 1.0, 1.0 + limit), (RepeatedFrames.name, 1.0 - frames, 1.0 - limit)
-    for rule, off, threshold in (late, early):
-        places = np.flatnonzero(~(off <= limit))  # a time that is missing is wrong as well
-        owner = np.searchsorted(demonstrations.offsets, places + 1, side="right") - 1
-        for m in np.unique(owner).tolist():
-            wrong = places[owner == m]
-            worst = int(wrong[np.argmax(np.nan_to_num(off[wrong], nan=np.inf))])
-            step = worst + 1 - int(demonstrations.offsets[m])
-            lost = counted(int(np.rint(np.nan_to_num(off[wrong], posinf=0.0)).sum()), "frame")
-            what = f"about {lost} missing" if rule == DroppedFrames.name else f"{counted(len(wrong), 'frame')} too soon"
-            time, severity = 1e3 * usual * float(frames[worst]), float(np.nan_to_num(off[worst], nan=1e3)) / limit
-            passed = f"{what}: {time:.4g} ms pass" if time < 1e4 else f"{what}: {time:,.0f} ms pass"
-            said = "the time is missing" if np.isnan(time) else passed
-            sentence = f"{said} before {moment(step, usual)} (usual: {1e3 * usual:.4g} ms)"
-            place = demonstrations.ids[m], step - 1, step, ""
-            yield Fault(rule, *place, time, 1e3 * usual * threshold, severity, sentence)
+    limit, offsets = settings.FRAME_GAP + _steps(times, demonstrations)[1] / usual, demonstrations.offsets
+    sums, late, early = list[Array](), list[Fault](), list[Fault]()
+    for first, end in itertools.pairwise(shard_bounds(offsets, 1, BLOCK_STEPS)[0]):
+        ids, begins = demonstrations.ids[first:end], offsets[first:end] - offsets[first]
+        frames = np.diff(times.timestamps[offsets[first] : offsets[end]], prepend=0.0) / usual
+        frames[begins] = 1.0
+        late += _wrong(DroppedFrames.name, frames, limit, ids, begins, usual)
+        early += _wrong(RepeatedFrames.name, frames, limit, ids, begins, usual)
+        frames = np.where(np.abs(frames - 1.0) <= limit, frames, 1.0)
+        frames[begins] = 0.0
+        sums.append(np.add.reduceat(frames, begins))
+    mean = np.concatenate(sums) / np.maximum(demonstrations.lengths - 1, 1)
+    yield from (*_find_rates(mean, limit, demonstrations, usual), *late, *early)
 
 
-def _find_rates(frames: Array, limit: float, demonstrations: DemonstrationSet, usual: float) -> Iterator[Fault]:
-    """Demonstrations whose frames all come later, or sooner, than those of the others: the mean of the times that are
-    no gaps, which add up to more than `limit` frames."""
-    offsets, lengths = demonstrations.offsets, demonstrations.lengths
-    every = np.append(1.0, np.where(np.abs(frames - 1.0) <= limit, frames, 1.0))
-    every[offsets[:-1]] = 0.0
-    mean = np.add.reduceat(every, offsets[:-1]) / np.maximum(lengths - 1, 1)
+def _wrong(rule: str, frames: Array, limit: float, ids: Sequence[Id], begins: Array, usual: float) -> Iterator[Fault]:
+    """Faults of the demonstrations of a block in which a time, in frames, is off by more than `limit`."""
+    way = 1.0 if rule == DroppedFrames.name else -1.0
+    off, threshold = way * (frames - 1.0), 1.0 + way * limit
+    places = np.flatnonzero(~(off <= limit))  # a time that is missing is wrong as well
+    owner = np.searchsorted(begins, places, side="right") - 1
+    for m in np.unique(owner).tolist():
+        wrong = places[owner == m]
+        worst = int(wrong[np.argmax(np.nan_to_num(off[wrong], nan=np.inf))])
+        step = worst - int(begins[m])
+        lost = counted(int(np.rint(np.nan_to_num(off[wrong], posinf=0.0)).sum()), "frame")
+        what = f"about {lost} missing" if rule == DroppedFrames.name else f"{counted(len(wrong), 'frame')} too soon"
+        time, severity = 1e3 * usual * float(frames[worst]), float(np.nan_to_num(off[worst], nan=1e3)) / limit
+        passed = f"{what}: {time:.4g} ms pass" if time < 1e4 else f"{what}: {time:,.0f} ms pass"
+        said = "the time is missing" if np.isnan(time) else passed
+        sentence = f"{said} before {moment(step, usual)} (usual: {1e3 * usual:.4g} ms)"
+        yield Fault(rule, ids[m], step - 1, step, "", time, 1e3 * usual * threshold, severity, sentence)
+
+
+def _find_rates(mean: Array, limit: float, demonstrations: DemonstrationSet, usual: float) -> Iterator[Fault]:
+    """Demonstrations whose frames all come later, or sooner, than those of the others: by the mean of the times that
+    are no gaps, which add up to more than `limit` frames."""
+    lengths = demonstrations.lengths
     low, middle, high = np.quantile(mean, [0.25, 0.5, 0.75])
     off = np.abs(mean / middle - 1.0)
     least = np.maximum(settings.OTHER_RATE + settings.FENCE * (high - low), limit / np.maximum(lengths - 1, 1))

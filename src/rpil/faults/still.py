@@ -124,7 +124,7 @@ class NeverMoves(ComparingRule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """The range of each column, and the share of its steps in which it is 0."""
-        return block.high - block.low, means(block.values == 0, block.offsets)
+        return block.high - block.low, means((own == 0 for own in block.values), block.offsets)
 
     def compare(self) -> Compared:
         ranges, zeros = self.measured
@@ -189,16 +189,6 @@ def longest_runs(
     at = np.searchsorted(offsets, step, side="right")[order] - 1, column[order]
     n[at], first[at], length[at] = weight[order], step[order] - 1 - offsets[at[0]], sizes[order] + 1
     return n, first, length
-
-
-def runs_of(changed: Bool[Array, "C T"], offsets: Int[Array, " _"]) -> tuple[Array, Array, Array]:
-    """Lengths and first positions, in the flattened array, of all runs without a change; and the number of the first
-    run of each column and demonstration. A run ends with its demonstration."""
-    changed = changed.copy()
-    changed[:, offsets[:-1]] = True
-    starts = np.flatnonzero(changed)
-    first = np.arange(len(changed))[:, None] * changed.shape[1] + offsets[:-1]
-    return np.diff(starts, append=changed.size), starts, np.searchsorted(starts, first.ravel())
 
 
 def parts(rows: Bool[Array, " T"], offsets: Int[Array, " _"]) -> tuple[Int[Array, " R"], Int[Array, " R"]]:
@@ -277,8 +267,8 @@ def resting_rows(block: MovingBlock, is_command: bool, by_states: bool = True) -
     for values, far, a, b, low, high in found:
         first, last = near_middle(values, far, a, b)
         long = last - first >= settings.REST_ROWS - 1  # in the first it arrives; at the ends a few rows tell little
-        is_head = (a - low <= settings.REST_ROWS // 2) & np.isin(low, offsets)
-        is_tail = (high - b <= settings.REST_ROWS // 2) & np.isin(high, offsets)
+        is_head = (a - low <= settings.REST_ROWS // 2) & (offsets[np.searchsorted(offsets, low)] == low)
+        is_tail = (high - b <= settings.REST_ROWS // 2) & (offsets[np.searchsorted(offsets, high)] == high)
         begins, ends = np.where(is_head, low, first + 1), np.where(is_tail, high, last + 1)
         rests |= covered(len(rests), begins[long], ends[long])
     return long_runs(rests, offsets)
@@ -292,11 +282,11 @@ def near_middle(
     n, run = ends - begins, np.repeat(np.arange(len(begins)), ends - begins)
     starts = np.cumsum(n) - n
     rows = np.arange(len(run)) + (begins - starts)[run]
-    near = np.ones(len(rows), dtype=bool)
-    for own, most in zip(values[:, rows], far, strict=True):
-        order = own[np.lexsort((own, run))]
-        middle = (order[starts + (n - 1) // 2] + order[starts + n // 2]) / 2
-        near &= np.abs(own - middle[run]) <= most
+    order = (own := values[:, rows]).copy()
+    for a, b in pairwise([*starts.tolist(), len(rows)]):
+        order[:, a:b].sort(axis=1)
+    middle = (order[:, starts + (n - 1) // 2] + order[:, starts + n // 2]) / 2
+    near = (np.abs(own - middle[:, run]) <= far[:, None]).all(axis=0)
     first = np.minimum.reduceat(np.where(near, rows, values.shape[1]), starts)
     return first, np.maximum.reduceat(np.where(near, rows, -1), starts)
 

@@ -303,11 +303,12 @@ def misfits(block: MovingBlock, pairs: Tracked) -> Float[Array, "M K"]:
     parts = -(-(lengths + far) // width)
     heads = np.cumsum(parts) - parts
     begins = heads * width + far
-    rows = np.arange(block.offsets[-1]) + np.repeat(begins - block.offsets[:-1], lengths)
     both = np.zeros((2, n + 1, parts.sum() * width + 2 * far))
-    both[0, :n][:, rows] = centred(block.values[own] / spread, block.offsets)
-    slope = pairs.slope[fits, None] / spread
-    both[1, :n][:, rows] = centred(block.values[pairs.state[fits]] * slope, block.offsets)
+    series = block.values[own] / spread, block.values[pairs.state[fits]] * (pairs.slope[fits, None] / spread)
+    for out, values in zip(both, series, strict=True):
+        mean = np.add.reduceat(values, block.offsets[:-1], axis=1) / lengths
+        for m, (a, b) in enumerate(itertools.pairwise(block.offsets.tolist())):
+            np.subtract(values[:, a:b], mean[:, m, None], out=out[:n, begins[m] : begins[m] + b - a])
     np.einsum("kpt,kpt->kt", both[:, :n], both[:, :n], out=both[:, n])
     # The products of all steps of a part with all that are near, which have those of each lag on a diagonal.
     near = sliding_window_view(both[1, :n], width + 2 * far, axis=1)[:, ::width].transpose(1, 0, 2)

@@ -86,12 +86,11 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
         One sentence naming the file, the demonstration and the remedy; before reading if the data need more memory.
     """
     check_options(columns)
-    options = ColumnOptions(**columns)
     if not isinstance(path, str | os.PathLike | Frame):
         if columns:
             raise DataError(f"{SOURCE}: trajectories have no columns to choose; leave them out, or give a frame.")
         return Demonstrations.from_episodes(path)
-    recording = read_recording(path, options)
+    recording = read_recording(path, ColumnOptions(**columns))
     demonstrations = recording.demonstrations
     for line in recording.left_out:
         warnings.warn(f"{recording.description.source}: {line}", stacklevel=2)

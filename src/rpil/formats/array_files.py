@@ -7,10 +7,11 @@ from collections.abc import Mapping, Set
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 
-from rpil.data.archive import Npz, open_npz, write_npz
+from rpil.data.archive import MEMBER, array_head, read_arrays, write_npz
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, guarded
@@ -54,21 +55,30 @@ def _is_hdf5(path: Path) -> bool:
 
 
 def _open(path: Path, options: ColumnOptions = ColumnOptions(), where: str = "") -> Arrays:
-    """The arrays in a file, which is called `where` in messages; in NPZ none is ever unpickled."""
+    """The arrays in a file, which is called `where` in messages; those of NPZ are read as a whole."""
     if is_zarr(path):
         return open_zarr(path, options)
     if _is_hdf5(path):
         return open_hdf5(path, options)[1]
-    stored = open_npz(path, where)
-    return Arrays({name: _array(stored, name) for name in stored.names}, stored.where, "NPZ", options)
+    archive, members = _open_npz(path, where := where or path.name)
+
+    def stored(member: str) -> StoredArray:
+        try:
+            return read_once(*array_head(archive, member)[:2], lambda: read_arrays(archive, [member], where)[0])
+        except ValueError:  # it is of another version, or no array: it has no rows
+            return Closed((), np.dtype(object), lambda _: read_arrays(archive, [member], where)[0])
+
+    return Arrays({member.removesuffix(MEMBER): stored(member) for member in members}, where, "NPZ", options)
 
 
-def _array(stored: Npz, name: str) -> StoredArray:
-    """An array of NPZ, which is read as a whole; it has no rows where it is of another version, or no array."""
-    try:
-        return read_once(*stored.declared(name), lambda: stored.read([name])[name])
-    except ValueError:
-        return Closed((), np.dtype(object), lambda _: stored.read([name])[name])
+def _open_npz(path: Path, where: str) -> tuple[ZipFile, list[str]]:
+    """The open NPZ file, and its members that are arrays; a `DataError` where it is damaged, or two have one name."""
+    with guarded(where, "not an NPZ file, or a damaged or truncated one", "write it again"):
+        archive = ZipFile(path)
+    members = [name for name in archive.namelist() if name.endswith(MEMBER)]
+    if len({*members}) < len(members):
+        raise DataError(f"{where}: it holds two arrays of one name; write it again.")
+    return archive, members
 
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
@@ -126,7 +136,11 @@ def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
     numbers = [m for m, one in arrays.items() if one.shape in ((), (1,)) and one.dtype.kind in "biuf"]
     facts = {m: np.asarray(arrays[m][...]).item() for m in numbers if may_be_outcome(m)}
     own = {m: one for m, one in arrays.items() if m not in facts or one.shape == (n,)}  # of one step
-    closed = {m: Closed(one.shape, one.dtype, partial(_rows, file, m)) for m, one in own.items()}
+
+    def rows_of(name: str, rows: slice) -> object:
+        return _open(file).arrays[name][rows]
+
+    closed = {m: Closed(one.shape, one.dtype, partial(rows_of, m)) for m, one in own.items()}
     return Part(n, closed, {_FILE_NAME: name, **tasks, **ends, **facts}), these.notes
 
 
@@ -149,8 +163,7 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> Step
         lengths |= {name: int(stated)} if isinstance(stated, int | np.integer) else {}
     fps = float(rate) if isinstance(rate, int | float) and math.isfinite(rate) and rate > 0 else None
     name = f"{these.kind} of robomimic's layout" if within else f"{these.kind}, a group for each demonstration"
-    metadata = Metadata(fps=fps, lengths=lengths)
-    return from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes)
+    return from_parts(parts, _GROUP_NAME, these.source, name, options, Metadata(fps=fps, lengths=lengths), notes)
 
 
 def _said(attributes: Mapping[str, object], what: str) -> object:
@@ -165,11 +178,6 @@ def _said(attributes: Mapping[str, object], what: str) -> object:
         if isinstance(value, str | int | float) and value:
             return value
     return None
-
-
-def _rows(file: Path, name: str, rows: slice) -> object:
-    """Some rows of an array in a file."""
-    return _open(file).arrays[name][rows]
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
@@ -193,8 +201,9 @@ def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> Non
     if _is_hdf5(path):
         keep_groups(path, output, ids)
         return
-    stored = open_npz(path)
-    arrays = stored.read(stored.names)
+    archive, members = _open_npz(path, path.name)
+    names = (member.removesuffix(MEMBER) for member in members)
+    arrays = dict(zip(names, read_arrays(archive, members, path.name), strict=True))
     these = Arrays(arrays, path.name, options=options)
     cut = these.cut()
     there, n = list(dict.fromkeys(cut.ids.tolist())), len(cut.ids)
@@ -208,8 +217,7 @@ def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> Non
     }
     if cut.by_marks and not (these.names["starts"] or these.names["cuts"]):
         is_last = np.append(cut.ids[1:] != cut.ids[:-1], True)
-        timeouts = is_last & ~these.flags(these.names["terminals"], is_last.shape)
-        kept_arrays[ROLES["cuts"][0]] = timeouts[rows]
+        kept_arrays[ROLES["cuts"][0]] = (is_last & ~these.flags(these.names["terminals"], is_last.shape))[rows]
     write_npz(output, {**arrays, **kept_arrays})
 
 
@@ -221,8 +229,7 @@ def unkept(path: Path, options: ColumnOptions) -> str:
     has_groups, is_hdf5 = bool(arrays.groups()[1]), _is_hdf5(path)
     if is_hdf5 and has_groups and options.id:
         return "groups by other ids than their names"
-    is_kept = has_groups if is_hdf5 else not has_groups and not arrays.is_stacked
-    return "" if is_kept else "arrays of this layout"
+    return "" if (has_groups if is_hdf5 else not has_groups and not arrays.is_stacked) else "arrays of this layout"
 
 
 FORMAT = Format("arrays", claims, read, keep, unkept, suffixes=(*_NPZ, *_HDF5, ZIP), write=write)

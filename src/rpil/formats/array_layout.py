@@ -26,7 +26,7 @@ from rpil.numerics.types import Array
 
 ROLES = {
     "actions": ("actions", "action", "acts", "expert_actions"),
-    "observations": ("observations", "observation", "obs", "expert_observations"),
+    "observations": ("observations", "observation", "obs", "expert_observations", "states", "state"),
     "ids": EPISODE,
     "lengths": ("episode_lengths", "lengths", "path_lengths", "traj_lengths"),
     "offsets": ("meta/episode_ends",),  # of diffusion policy
@@ -153,6 +153,7 @@ class Arrays:
             raise DataError(f"{self.source}: {fault}; give one id for each.")
         there = commas([f"{name} {array.shape}" for name, array in self.arrays.items()]) or "no arrays"
         remedy = "add terminals and timeouts, or one called episode_index, or write a group with actions and obs each"
+        remedy = remedy if self.names["observations"] else "name the array of observations with --observations"
         raise DataError(f"{self.source}: nothing says where demonstrations begin (it holds {there}); {remedy}.")
 
     def _stacked_steps(self) -> tuple[str, Array]:

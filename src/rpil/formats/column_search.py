@@ -90,12 +90,15 @@ class _Search:
         options = self.options
         asked = self.matching(options.observations, "observations")
         actions = self.matching(options.action, "action")
-        roles = "order", "operator", "task"
-        named = ((role, getattr(options, role)) for role in roles)
+        named = ((role, getattr(options, role)) for role in ("order", "operator", "task"))
         order, operator, task = (self.one(None if name in options.files else name, role) for role, name in named)
         given: set[str | None] = {*asked, *actions, order, operator, task}
         episode, other_ids = self.episode(given, default_id)
-        self.refuse_named(episode, actions, asked)
+        for option, names, others in (("action", actions, [episode]), ("observations", asked, [episode, *actions])):
+            if wrong := [name for name in names if name in others]:
+                role = "the id" if wrong[0] == episode else "part of the action"
+                said = f"column {wrong[0]!r} is {role} already; take it out of --{option}"
+                raise DataError(f"{self.source}: {said}.")
         self.take(episode, *actions)
         one_action = len(actions) == 1
         if not actions:
@@ -179,8 +182,12 @@ class _Search:
                 self.ignored.setdefault(name, why)
         free = [name for name in self.free if name not in self.ignored]
         if not free:
-            what = "holds observations: name them observation.*, or name the columns"
-            raise self.no_column(what, "observations")
+            observed = (name for name in self.names if spellings.OBSERVATION.fullmatch(self.plain[name]))
+            if nested := [name for name in observed if self.kinds[name] == "nested"]:
+                fault = f"column {nested[0]!r} holds no lists of numbers; write numbers, one row for each step"
+                remedy = "if each row is a demonstration, pass the rows to rpil.read in Python"
+                raise DataError(f"{self.source}: {fault}; {remedy}.")
+            raise self.no_column("holds observations: name them observation.*, or name the columns", "observations")
         named = [name for name in free if spellings.OBSERVATION.fullmatch(self.plain[name])]
         if not named:
             named = [name for name in free if spellings.STATE.fullmatch(self.plain[name])]
@@ -249,13 +256,6 @@ class _Search:
         else:
             found = [name for name in self.names if self.plain[name] == plain]
         return found or [name for name in self.names if fnmatchcase(short_name(name).lower(), lower)]
-
-    def refuse_named(self, episode: str, actions: Sequence[str], asked: Sequence[str]) -> None:
-        """A `DataError` where the user names the id as an action, or either of them as an observation."""
-        for option, names, others in (("action", actions, [episode]), ("observations", asked, [episode, *actions])):
-            for name in (name for name in names if name in others):
-                role = "the id" if name == episode else "part of the action"
-                raise DataError(f"{self.source}: column {name!r} is {role} already; take it out of --{option}.")
 
     def no_column(self, what: str, option: str, more: str = "") -> DataError:
         """The error that no column is what it says; it lists the columns, with the kind of those that are not read."""

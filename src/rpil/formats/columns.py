@@ -167,5 +167,4 @@ def check_names(names: Sequence[str], source: str) -> None:
 
 def as_list(names: Names) -> list[str]:
     """Names as the user gave them: one text, which may hold several with commas between them, or a sequence."""
-    texts = [names] if isinstance(names, str) else names
-    return [name.strip() for text in texts for name in text.split(",")]
+    return [name.strip() for text in ([names] if isinstance(names, str) else names) for name in text.split(",")]

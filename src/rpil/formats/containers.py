@@ -13,8 +13,8 @@ import math
 import re
 import warnings
 import zipfile
-from collections.abc import Container, Iterator, Mapping, Set
-from contextlib import contextmanager, suppress
+from collections.abc import Container, Mapping, Set
+from contextlib import suppress
 from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,8 +58,7 @@ def open_hdf5(path: Path, options: ColumnOptions = ColumnOptions()) -> tuple[h5p
     is damaged, a `MissingExtraError` without h5py.
     """
     h5py, kinds = optional("h5py", f"{path.name} is HDF5, which", "hdf5"), dict[bytes, int]()
-    fault = "no HDF5 file, or a damaged one", "copy or write it again"
-    with guarded(path.name, *fault):
+    with guarded(path.name, "no HDF5 file, or a damaged one", "copy or write it again"):
         file = h5py.File(check_readable(path), "r")
         file.id.links.visit(lambda place, link: kinds.update({place: link.type}), info=True)
         is_hard = {m.decode("utf-8", "surrogateescape"): kind == h5py.h5l.TYPE_HARD for m, kind in kinds.items()}
@@ -144,17 +143,6 @@ class _FileArray:
             raise DataError(f"{where}: its chunks hold more than they declare; copy or write it again.")
 
 
-@contextmanager
-def _writing_errors() -> Iterator[None]:
-    """Raise an `OSError` with its number in place of the errors of h5py for a write that failed."""
-    try:
-        yield
-    except (OSError, RuntimeError) as error:
-        if failed := re.search(r"errno = (\d+)", str(error)):
-            raise OSError(int(failed[1]), "write failed") from error
-        raise
-
-
 def keep_groups(path: Path, output: Path, ids: Set[str]) -> None:
     """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others.
 
@@ -164,17 +152,22 @@ def keep_groups(path: Path, output: Path, ids: Set[str]) -> None:
 
     source, arrays = open_hdf5(path)
     within, found = arrays.groups()
-    with _writing_errors(), h5py.File(output, "w") as new:
-        dropped = found.keys() - ids
-        _copy(source, new, {"mask", within.strip("/")} if within else {"mask", *dropped})
-        if within:
-            _copy(source[within], new.create_group(within), dropped)
-        if "total" in (about := new[within or "/"].attrs):
-            about["total"] = sum(part.n_steps for name, part in found.items() if name in ids)
-        for key, one in arrays.arrays.items():
-            if key.startswith("mask/") and one.shape:
-                listed = [name for name in np.asarray(one[:]).tolist() if name.decode() in ids]
-                new[key] = np.array(listed, dtype="S")
+    try:
+        with h5py.File(output, "w") as new:
+            dropped = found.keys() - ids
+            _copy(source, new, {"mask", within.strip("/")} if within else {"mask", *dropped})
+            if within:
+                _copy(source[within], new.create_group(within), dropped)
+            if "total" in (about := new[within or "/"].attrs):
+                about["total"] = sum(part.n_steps for name, part in found.items() if name in ids)
+            for key, one in arrays.arrays.items():
+                if key.startswith("mask/") and one.shape:
+                    listed = [name for name in np.asarray(one[:]).tolist() if name.decode() in ids]
+                    new[key] = np.array(listed, dtype="S")
+    except (OSError, RuntimeError) as error:  # of h5py, for a write that failed
+        if failed := re.search(r"errno = (\d+)", str(error)):
+            raise OSError(int(failed[1]), "write failed") from error
+        raise
 
 
 def _copy(group: h5py.Group, new: h5py.Group, without: Container[str]) -> None:
@@ -268,9 +261,8 @@ def _check_chunks(array: zarr.Array, chunks: tuple[int, ...], files: Mapping[str
     places = np.ndindex(*grid) if (n_chunks := math.prod(grid)) <= len(files) else ()
     found = [files[key] for at in places if (key := array.metadata.encode_chunk_key(at)) in files]
     if n_chunks > len(found):
-        fault = f"{n_chunks - len(found):,} of its {n_chunks:,} chunks are not there"
         remedy = "copy it again, or write it with zarr.config.set({'array.write_empty_chunks': True})"
-        raise DataError(f"{where}: {fault}; {remedy}.")
+        raise DataError(f"{where}: {n_chunks - len(found):,} of its {n_chunks:,} chunks are not there; {remedy}.")
     most = 8 * array.dtype.itemsize * math.prod(chunks) + 4096 * (math.prod(chunks) // math.prod(array.chunks))
     if array.dtype.kind != "T" and max(found, default=0) > most:
         raise DataError(f"{where}: {'; '.join(_DAMAGED_CHUNK)}.")

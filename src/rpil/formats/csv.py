@@ -55,12 +55,6 @@ class TextTable:
     separator: str
     decimal: str
 
-    @property
-    def words(self) -> str:
-        """Words for what is unusual about it."""
-        found = [f"separated by {_SEPARATORS[self.separator]}"] if self.separator != "," else []
-        return ", ".join(["CSV", *found, *(["decimal commas"] if self.decimal == "," else [])])
-
     def check(self) -> None:
         """A `DataError` that names the first damaged line, where there is one."""
         damaged = [f"line {number:,}: {fault}" for number, _, _, fault in text_rows(self) if fault]
@@ -70,11 +64,10 @@ class TextTable:
 
     def n_lines(self) -> int:
         """All lines of the file."""
-        n_lines, last = 0, b"\n"
         with self.path.open("rb") as file:
-            while chunk := file.read(_CHUNK):
-                n_lines, last = n_lines + chunk.count(b"\n"), chunk[-1:]
-        return n_lines + (last != b"\n")
+            n_ends = sum(chunk.count(b"\n") for chunk in iter(lambda: file.read(_CHUNK), b""))
+            file.seek(-1, os.SEEK_END)
+            return n_ends + (file.read() != b"\n")
 
 
 def text_rows(file: TextTable) -> Iterator[tuple[int, str, list[str], str]]:
@@ -147,9 +140,10 @@ def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, defau
         other = seen.setdefault(stem := _SUFFIX.sub("", name), name)
         if other != name:
             raise in_two_files(stem, other, name, source)
-    words = first.words if default_id is None else f"{first.words}, {counted(len(files), 'file')}"
+    words = ["CSV", *[f"separated by {_SEPARATORS[first.separator]}"] * (first.separator != ",")]
+    words += ["decimal commas"] * (first.decimal == ",") + [counted(len(files), "file")] * (default_id is not None)
     tables, sizes = _rows_of(files, columns, source)
-    return StepTables(tables, columns, source, words, sizes, skipped=tuple(damaged))
+    return StepTables(tables, columns, source, ", ".join(words), sizes, skipped=tuple(damaged))
 
 
 def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
@@ -175,8 +169,7 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
     with _parsing(file), file.path.open("rb") as text:
         content = text.read(_CHUNK)
         content = content[: content.find(b"\n", _HEAD_BYTES) + 1] or content  # whole lines
-        options_of_head = _options(file, len(content) + 1)
-        with pa.csv.open_csv(pa.BufferReader(content), *options_of_head) as reader:
+        with pa.csv.open_csv(pa.BufferReader(content), *_options(file, len(content) + 1)) as reader:
             first = reader.read_all()  # one block: a reader that has not seen the end may outlive Python, and abort
         kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS))
     if not len(first) and default_id is None:
@@ -255,8 +248,7 @@ def _tables(
         options = _options(file, _BLOCK_BYTES, include_columns=names, strings_can_be_null=False, column_types=types)
         with _parsing(file), file.path.open("rb") as text:
             if columns.options.on_disk:
-                batches = pa.csv.open_csv(text, *options)
-                found = (pa.Table.from_batches([batch]) for batch in batches)
+                found = (pa.Table.from_batches([batch]) for batch in pa.csv.open_csv(text, *options))
             else:
                 found = (table for table in [pa.csv.read_csv(text, *options)])
             for table in found:

@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from rpil.data.arrays import ActionKind, Id, Indices, check_any, check_finite
+from rpil.data.arrays import ActionKind, Id, Indices, check_any
 from rpil.data.demonstrations import BLOCK_STEPS, Block, Demonstrations, DemonstrationSet, shard_bounds
 from rpil.data.errors import DataError, guarded
 from rpil.data.memory import Size, check_memory
@@ -65,8 +65,7 @@ def from_arrow(
     lists = flat.parts_of_lists(table, {})
     kinds |= {name: "nested" for name, kind in kinds.items() if kind == "list" and name not in lists}
     columns = find_columns(table.column_names, kinds, source, options, default_id, lists)
-    every = chain([table], waiting)
-    chosen = (flat.flattened(one.select(columns.stored), lists, columns.all) for one in every)
+    chosen = (flat.flattened(one.select(columns.stored), lists, columns.all) for one in chain([table], waiting))
     return StepTables(chosen, columns, source, format_name)
 
 
@@ -75,8 +74,7 @@ def plain_columns(table: pa.Table) -> pa.Table:
     while any(map(pa.types.is_struct, table.schema.types)):
         table = table.flatten()
     for k, one in enumerate(table.schema):
-        kind = flat.plain_type(one.type)
-        if pa.types.is_string_view(kind):
+        if pa.types.is_string_view(flat.plain_type(one.type)):
             table = table.set_column(k, one.name, table[k].cast(pa.string()))
     return table
 
@@ -156,9 +154,8 @@ class Layout:
         may_be_class = columns.one_action and not (len(of_list) > 1 or (of_list and own_type.kind == "f"))
         if n_parts == 1 and (may_be_class or columns.options.action_kind == "discrete"):
             n_parts, action = 0, action if own_type.kind == "f" else own_type
-        has_lists = any(len({*parts} & {*seen}) > 1 for parts in columns.lists.values())
         allows_missing = columns.options.allow_missing or columns.options.skip_bad is True
-        order: Literal["F", "C"] = "C" if has_lists else "F"
+        order: Literal["F", "C"] = "C" if any(len({*parts} & {*seen}) > 1 for parts in columns.lists.values()) else "F"
         kind = columns.options.action_kind
         return cls(_shown(seen), _shown(acted), observation, action, n_parts, order, allows_missing, kind)
 
@@ -218,17 +215,14 @@ class Shard:
     layout: Layout
     bounds: tuple[int, ...]  # number of the first demonstration of each block, and of the one after the last
 
-    @property
-    def demonstrations(self) -> slice:
-        """Numbers of its demonstrations."""
-        return slice(self.bounds[0], self.bounds[-1])
-
     def __iter__(self) -> Iterator[Block]:
-        for first, end in itertools.pairwise(self.bounds):
-            offsets = self.steps.offsets[first - self.bounds[0] : end - self.bounds[0] + 1]
-            block = Block(first, *self.layout.empty(int(offsets[-1] - offsets[0])), offsets - offsets[0])
-            self.layout.write(self.steps, int(offsets[0]), block.observations, block.actions)
-            yield block
+        steps, bounds = self.steps.offsets, np.array(self.bounds) - self.bounds[0]
+        (groups,) = shard_bounds(steps[bounds] - steps[0], 1, BLOCK_STEPS)  # small blocks are read together
+        for own in (bounds[a : b + 1] for a, b in itertools.pairwise(groups)):
+            offsets = steps[own[0] : own[-1] + 1] - steps[own[0]]
+            block = Block(self.bounds[0] + int(own[0]), *self.layout.empty(int(offsets[-1])), offsets)
+            self.layout.write(self.steps, int(steps[own[0]]), block.observations, block.actions)
+            yield from itertools.starmap(block.part, itertools.pairwise((own - own[0]).tolist()))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -294,28 +288,16 @@ class Dataset(DemonstrationSet):
         steps = replace(self.steps, place=None, sizes={})  # which grow with the data, and serve messages alone
         return [Shard(steps.part(one[0], one[-1]), self.layout, tuple(one)) for one in bounds]
 
-    def refuse_faulty(self, numbers: Iterable[int]) -> None:
-        """Raise a `DataError` if a value of these demonstrations is missing or infinite."""
-        for m in sorted(numbers):
-            (block,) = Shard(self.steps.part(m, m + 1), self.layout, (m, m + 1))
-            source = (self.steps.files(self.offsets[m : m + 1]) or [self.source])[0]
-            names = [f"observation {name!r}" for name in self.observation_names]
-            parts = [f"action {a}" for a in range(self.n_actions)]
-            for values, what in ((block.observations, names), (block.actions, parts)):
-                if what:
-                    check_finite(values, tuple(what), block.offsets, self.ids[m : m + 1], source)
-
     def select(self, indices: Indices) -> Demonstrations:
         """The demonstrations at `indices` (integers, a slice or a mask over the M), in that order, in memory."""
         chosen = np.atleast_1d(np.arange(len(self))[indices])
         check_any(len(chosen), self.source)
         offsets = np.concatenate([[0], np.cumsum(self.lengths[chosen])])
         check_memory(self.nbytes * offsets[-1] / self.n_steps, self.source, self.memory)
-        ids = tuple(self.ids[m] for m in chosen.tolist())
         observations, actions = self.layout.empty(int(offsets[-1]))
         heads = np.flatnonzero(np.diff(chosen, prepend=-2) != 1)  # of runs of consecutive demonstrations
         for a, b, head in zip(offsets[heads], offsets[[*heads[1:], len(chosen)]], chosen[heads], strict=True):
             self.layout.write(self.steps, int(self.offsets[head]), observations[a:b], actions[a:b])
         kind: ActionKind = "discrete" if self.is_discrete else "continuous"
         names = self.observation_names, self.source, kind, self.action_names, self.layout.allows_missing
-        return Demonstrations(observations, actions, offsets, ids, *names)
+        return Demonstrations(observations, actions, offsets, tuple(self.ids[m] for m in chosen.tolist()), *names)

@@ -100,19 +100,17 @@ def in_table(table: pa.Table, folder: Path) -> Iterator[Defect]:
         if not texts or not all(text.suffix.lower() in _NAMED for text in texts[:: max(len(texts) // 20, 1)]):
             continue
         named = {str(text.parent) for text in texts if not text.is_absolute() and ".." not in text.parts}
-        sizes = dict(entry for place in (*sorted(named)[:20], *_FOLDERS) for entry in _sizes(folder.resolve() / place))
+        sizes = dict[str, int]()
+        for place in (folder.resolve() / name for name in (*sorted(named)[:20], *_FOLDERS)):
+            if place.is_dir() and place.resolve() == place:
+                with os.scandir(place) as entries:
+                    sizes |= {e.name: e.stat(follow_symlinks=False).st_size for e in entries if e.is_file()}
         rows = [sizes.get(text.name) for text in texts]
         for size, what in ((0, "empty"), (None, "not there")):
             if any(rows) and (wrong := [row for row, own in enumerate(rows) if own == size]):
                 where = f"{parts_in_words(wrong, 'row', [])}, {texts[wrong[0]].name} to {texts[wrong[-1]].name}"
                 said = f"{len(wrong):,} of the {len(texts):,} files that it names are {what}: {where}"
                 yield Defect("named files", name, f"{said}; leave these steps out")
-
-
-def _sizes(place: Path) -> Iterator[tuple[str, int]]:
-    if place.is_dir() and place.resolve() == place:
-        with os.scandir(place) as entries:
-            yield from ((e.name, e.stat(follow_symlinks=False).st_size) for e in entries if e.is_file())
 
 
 FORMAT = Format(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from collections import Counter
@@ -9,7 +10,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from json import JSONDecodeError
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +19,12 @@ from rpil.data.arrays import Id, are_whole
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import check_inside, is_hidden
 from rpil.data.fit_data import FILE_SESSION, Facts, outcome_of_steps
-from rpil.data.memory import LARGEST_TABLE, Parsed, parse_lines, read_json, read_text
+from rpil.data.memory import LARGEST_TABLE, Parsed, read_json, read_text
 from rpil.data.text import EPISODE, TIMESTAMP, plain_name
 from rpil.formats.columns import LENGTH, Columns
 from rpil.formats.parquet_file import read_table
 from rpil.formats.steps import Steps
-from rpil.formats.table import encoded, first_rows, numbers_or_missing, order_values
+from rpil.formats.table import BATCH_ROWS, encoded, first_rows, numbers_or_missing, order_values
 from rpil.numerics.types import Array, Float
 
 MAX_NAMES = 20
@@ -54,39 +54,31 @@ def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
     are_numbers = plain_name(columns.episode) == EPISODE[0] and isinstance(steps.ids[0], int)
     if files and metadata.version and are_numbers:  # LeRobot numbers them in their order
         order = np.array(steps.ids, dtype=float)
-    sessions = () if columns.session is None else _sessions(columns.session, steps, files)
-    outcomes = tuple(_outcome(table, name, columns, steps.offsets, steps.source) for name in columns.outcomes)
-    return Facts(order, sessions, outcomes, columns.outcomes)
-
-
-def _sessions(name: str, steps: Steps, files: Sequence[str]) -> tuple[str, ...]:
-    """The session of each demonstration."""
+    sessions, name = tuple[str, ...](), columns.session
     if name == FILE_SESSION and name not in steps.table.schema.names:
         if not files:
             raise DataError(f"{steps.source}: its files make no sessions; name a column with --session.")
-        return tuple(files)
-    pairs = pairs_of(steps, name)
-    counts = Counter(m for m, _ in pairs)
-    if wrong := [m for m, value in pairs if value is None or counts[m] > 1]:
-        place = f"{steps.source}, demonstration {wrong[0]}"
-        raise DataError(f"{place}: column {name!r} changes, or has no value, within it; give it one session.")
-    return tuple(str(value) for _, value in pairs)
-
-
-def _outcome(table: pa.Table, wanted: str, columns: Columns, offsets: Array, source: str) -> Float[Array, " M"]:
-    """The outcome of each demonstration in the `wanted` column, with NaN where it is not known."""
-    name = wanted.removeprefix("-")
-    found: Array | None = np.diff(offsets).astype(float)
-    if name != LENGTH:
-        values = numbers_or_missing(table[name])
-        is_one = values is not None and values.shape[1] == 1
-        found = outcome_of_steps(values[:, 0].astype(float), offsets, name) if values is not None and is_one else None
-    if found is None:
-        kinds = "neither one number for each demonstration, nor a reward, nor a flag of 0 and 1"
-        raise DataError(f"{source}: column {name!r} is {kinds}; name another column with --outcome, or {LENGTH!r}.")
-    return (
-        found if wanted == name else float(np.isin(found[~np.isnan(found)], (0, 1)).all()) - found
-    )  # a flag stays one
+        sessions = tuple(files)
+    elif name is not None:
+        pairs = pairs_of(steps, name)
+        counts = Counter(m for m, _ in pairs)
+        if wrong := [m for m, value in pairs if value is None or counts[m] > 1]:
+            place = f"{steps.source}, demonstration {wrong[0]}"
+            raise DataError(f"{place}: column {name!r} changes, or has no value, within it; give it one session.")
+        sessions = tuple(str(value) for _, value in pairs)
+    outcomes, lengths = list[Array](), np.diff(steps.offsets).astype(float)
+    for column, less in ((one.removeprefix("-"), one.startswith("-")) for one in columns.outcomes):
+        values = None if column == LENGTH else numbers_or_missing(table[column])
+        found = lengths if column == LENGTH else None
+        if values is not None and values.shape[1] == 1:
+            found = outcome_of_steps(values[:, 0].astype(float), steps.offsets, column)
+        if found is None:
+            kinds = "neither one number for each demonstration, nor a reward, nor a flag of 0 and 1"
+            remedy = f"name another column with --outcome, or {LENGTH!r}"
+            raise DataError(f"{steps.source}: column {column!r} is {kinds}; {remedy}.")
+        is_flag = bool(np.isin(found[~np.isnan(found)], (0, 1)).all())  # which stays one
+        outcomes.append(float(is_flag) - found if less else found)
+    return Facts(order, sessions, tuple(outcomes), columns.outcomes)
 
 
 def pairs_of(steps: Steps, name: str | None) -> list[tuple[str, object]]:
@@ -131,7 +123,9 @@ class Clock:
 
     def seconds(self, offsets: Array) -> tuple[float | None, float | None]:
         """Duration of all demonstrations in seconds, and steps a second; None where they are not known."""
-        lengths, step = self.lengths(offsets), usual_step(np.diff(self.ticks))
+        some = range(0, len(self.ticks), BATCH_ROWS * -(-len(self.ticks) // (16 * BATCH_ROWS)))  # of very many
+        steps = np.concatenate([np.diff(self.ticks[a : a + BATCH_ROWS + 1]) for a in some])
+        lengths, step = self.lengths(offsets), usual_step(steps)
         if self.unit is None or step is None or not np.all(lengths >= 0):
             return None, None
         return float(lengths.sum() * self.unit), 1 / (step * self.unit)
@@ -153,16 +147,19 @@ def find_clock(steps: Steps, columns: Columns) -> Clock | None:
     table = steps.read([*columns.orders, *named, *columns.times])  # the likeliest first
     for name in table.column_names:
         missing = np.asarray(table[name].is_null(nan_is_null=True).to_numpy(), dtype=bool)
-        values = order_values(table[name].filter(~missing))
+        values = order_values(table[name].filter(~missing) if missing.any() else table[name])
         if values is None or not len(values):
+            continue
+        unit, is_named = unit_of(name, table[name].type, values), plain_name(name) in TIMESTAMP
+        if unit is None and (found or not is_named):
             continue
         ticks = np.full(len(missing), np.nan)
         ticks[~missing] = values - values.min()
-        clock, is_named = Clock(ticks, unit_of(name, table[name].type, values)), plain_name(name) in TIMESTAMP
-        if clock.unit is None:
-            found = found or (clock if is_named else None)
-        elif is_named or ((np.diff(ticks) > 0).any() and not (clock.lengths(steps.offsets) < 0).any()):
+        clock = Clock(ticks, unit)
+        goes_on = is_named or ((np.diff(ticks) > 0).any() and not (clock.lengths(steps.offsets) < 0).any())
+        if unit is not None and goes_on:
             return clock
+        found = clock if unit is None else found
     return found
 
 
@@ -173,7 +170,7 @@ def unit_of(name: str, kind: pa.DataType, values: Array) -> float | None:
     words = plain_name(name).split("_")
     if words[-1] in _SECONDS and len(words) > 1:
         return _SECONDS[words[-1]]
-    largest = float(np.abs(values).max())
+    largest = max(float(values.max()), -float(values.min()))
     for limit, unit in ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3)):
         if largest > limit:
             return unit
@@ -225,7 +222,8 @@ class MetaFolder:
         """
         lines = self.path / "meta" / f"{name}.jsonl"
         if lines in self.files:
-            return parse_lines(read_text(lines, LARGEST_TABLE), str(lines), LARGEST_TABLE)
+            text = read_text(lines, LARGEST_TABLE).replace("\r", "\n")  # the ends of lines that JSON knows
+            return [json.loads(line) for line in text.split("\n") if line.strip()]
         tables = [read_table(place) for place in self.tables(name)]
         return [row for one in tables for row in one.select([*filter(wanted, one.column_names)]).to_pylist()]
 
@@ -239,7 +237,7 @@ class MetaFolder:
     def tasks(self) -> dict[str, str]:
         """Task by its number; since version 3.0 its text is the index of pandas. Empty where they are damaged,
         and a `DataError` where they are not in UTF-8."""
-        found, damages = {}, (pa.ArrowException, OSError, DataError, JSONDecodeError, KeyError, TypeError)
+        found, damages = {}, (pa.ArrowException, OSError, DataError, json.JSONDecodeError, KeyError, TypeError)
         place, *words = self.path / "meta", "its tasks cannot be read", "write them again in UTF-8"
         with guarded(place, *words), suppress(*damages, RecursionError):
             for row in self.rows("tasks"):

@@ -83,8 +83,7 @@ def _tables(paths: Sequence[str], schema: pa.Schema, columns: Columns) -> Iterat
                 n_rows += len(batch)
                 table = pa.Table.from_batches([batch]).select(schema.names)
                 check_table(table, name)
-                table = table if table.schema.equals(schema) else table.cast(schema)
-                yield flat.flattened(table, columns.lists, columns.all)
+                yield flat.flattened(table.cast(schema), columns.lists, columns.all)
             if n_rows != file.metadata.num_rows:
                 raise ValueError(f"{n_rows} of {file.metadata.num_rows} rows are there")
 

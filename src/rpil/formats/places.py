@@ -37,8 +37,7 @@ def find_places(rows: Steps, columns: Columns) -> tuple[Steps, Columns]:
         columns = replace(columns, parts=(), id_chosen=True)
 
     def at(row: int) -> str:
-        m = int(group[row])
-        return replace(rows, ids=(names_of[m],), offsets=np.array([row])).place_of(row, 0)
+        return replace(rows, ids=(names_of[int(group[row])],), offsets=np.array([row])).place_of(row, 0)
 
     _check_ids(names_of, group, columns, rows.source)
     order, words, values = _find_order(rows, columns, group, at)
@@ -133,8 +132,7 @@ def _check_one_id(steps: Steps, columns: Columns, group: Array, order: str | Non
     They are one where a column gives the order of its rows, unless they lie together only by a second column.
     """
     changes, ids = group[1:] != group[:-1], flat.first_rows(group, group)
-    apart = 1 + np.count_nonzero(changes) > len(ids)
-    for name in columns.parts if order is None or apart else ():
+    for name in columns.parts if order is None or 1 + np.count_nonzero(changes) > len(ids) else ():
         codes = flat.encoded(steps.read([name])[name])[1]
         rows, n_runs = flat.first_rows(group, codes), 1 + np.count_nonzero(changes | (codes[1:] != codes[:-1]))
         if len(ids) < len(rows) <= len(group) / 2 and (order is None or n_runs == len(rows)):

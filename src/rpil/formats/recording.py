@@ -122,7 +122,8 @@ class Recording:
     def times(self) -> Times:
         """The statements of the file on its own times and lengths."""
         metadata = self.origin.metadata
-        seconds = None if self.clock is None else self.clock.ticks * (self.clock.unit or 1.0)
+        ticks, unit = (self.clock.ticks, self.clock.unit or 1.0) if self.clock else (None, 1.0)
+        seconds = ticks if ticks is None or unit == 1.0 else ticks * unit  # one copy in memory
         return Times(seconds, metadata.fps, metadata.lengths)
 
     def step_columns(self, steps: slice) -> pa.Table | None:
@@ -155,8 +156,8 @@ class Recording:
             layout, classes = replace(layout, action=np.dtype(np.float64), n_parts=1), np.empty(0)
         ends = found.low[:n], found.high[:n]
         data = Dataset(steps.ids, steps.offsets, steps.source, steps, layout, classes, *ends, options.memory)
-        if not options.allow_missing:
-            data.refuse_faulty(found.faulty)
+        for m in () if options.allow_missing else sorted(found.faulty):  # an error that names the value
+            replace(data, source=(steps.files(steps.offsets[m : m + 1]) or [steps.source])[0]).select([m])
         return data.select(slice(None)) if isinstance(steps.table, pa.Table) else data
 
 

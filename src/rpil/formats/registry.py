@@ -15,17 +15,10 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from rpil.data import files
 from rpil.data.arrays import Id
 from rpil.data.errors import DataError, MissingExtraError, guarded
-from rpil.data.files import (
-    StrPath,
-    check_exists,
-    check_extension,
-    check_folder,
-    check_readable,
-    check_writable,
-    replacing,
-)
+from rpil.data.files import StrPath
 from rpil.data.id_values import check_ids
 from rpil.data.memory import FREE_SHARE, MOST_IN_MEMORY, Size, TooLargeError, check_memory, free_memory
 from rpil.formats import table_folder
@@ -74,7 +67,7 @@ def find_format(path: StrPath) -> Format | None:
     place = Path(path)
     if not place.exists():
         return None
-    check_folder(check_exists(place))
+    files.check_folder(files.check_exists(place))
     for one in FORMATS:
         try:
             if one.claims(place):
@@ -112,7 +105,7 @@ class ClaimedPath:
         """The recording, whose rows may take so much `memory`."""
         with guarded(str(self.path)):
             if (place := Path(self.path)).is_file():
-                check_readable(place)
+                files.check_readable(place)
             recording = from_tables(self.format.read(place, replace(options, memory=memory)), options)
             return replace(
                 recording,
@@ -130,7 +123,7 @@ class ClaimedPath:
                 raise DataError(f"{self.path}: no demonstration is to be kept; choose others.")
             there, wanted = there or self.read(options).ids, {*map(str, ids)}
             check_ids(ids, there, path.name, "the ids")
-            with replacing(new) as temporary:
+            with files.replacing(new) as temporary:
                 if self.is_list(new):
                     kept, is_json = [m for m in there if str(m) in wanted], new.suffix.lower() == ".json"
                     text = json.dumps({"episodes": kept}, indent=1) if is_json else "\n".join(map(str, kept))
@@ -172,13 +165,13 @@ class ClaimedPath:
         if asked := " ".join(f"{name} {seconds:g}" for name, seconds in times if seconds):
             first = f"first run rpil convert {self.path} {asked} -o ALL.parquet"
             raise DataError(f"{self.path}: keep cannot cut a file at times; {first}, then keep from that table.")
-        new, path = Path(output), check_exists(self.path)
+        new, path = Path(output), files.check_exists(self.path)
         if path.resolve() in (new.resolve(), *new.resolve().parents):
             raise DataError(f"{new}: it is the data themselves, or in them; give another path.")
         if new.is_dir() or (path.is_dir() and not self.is_list(new) and new.exists()):
             raise DataError(f"{new}: it is there already; give the path of a new folder.")
         if self.is_list(new):
-            return check_writable(new)
+            return files.check_writable(new)
         with guarded(str(path)):
             if layout := self.unkept(options):
                 ways = "write the list with -o ids.json, or a table with rpil convert"
@@ -189,7 +182,7 @@ class ClaimedPath:
             if path.is_file() and new.suffix.lower() != extension:
                 raise DataError(f"{new}: give it the extension {extension}, or write another format with rpil convert.")
             self.format.check_output(path, new)
-        return check_writable(new)
+        return files.check_writable(new)
 
 
 def find(path: StrPath) -> ClaimedPath:
@@ -199,9 +192,9 @@ def find(path: StrPath) -> ClaimedPath:
         raise DataError(f"{scheme}://...: addresses are not read; download the data, and give their path.")
     known = find_format(path)
     if known is None:
-        there = check_exists(path)
+        there = files.check_exists(path)
         table_folder.refuse_others(there, [there.name])
-        check_extension(there, suffixes())
+        files.check_extension(there, suffixes())
     assert known is not None, "an extension that is known is claimed"
     return ClaimedPath(path, known)
 
@@ -209,7 +202,7 @@ def find(path: StrPath) -> ClaimedPath:
 def writer_of(path: StrPath) -> Format:
     """The format that is written to files with the extension of `path`; a `DataError` that names these extensions."""
     writers = {one.suffixes[0]: one for one in FORMATS if one.write is not None}
-    return writers[check_extension(path, writers).suffix.lower()]
+    return writers[files.check_extension(path, writers).suffix.lower()]
 
 
 def suffixes() -> list[str]:

@@ -50,14 +50,16 @@ class Scan:
 
     def __post_init__(self) -> None:
         self._read = self.layout.columns
-        n = len(self._read)
-        self.missing, self.within = np.zeros(n, int), np.ones(n, bool)
-        self.low, self.high = np.full(n, np.nan), np.full(n, np.nan)
+        self.missing, self.within = np.zeros(n := len(self._read), int), np.ones(n, bool)
+        self.low, self.high = np.full((2, n), np.nan)
 
     def add(self, table: pa.Table, owners: Array, at: Place) -> None:
         """Add the steps of whole demonstrations, whose numbers the `owners` (N,) are."""
-        same = owners[1:] == owners[:-1]
-        read = {name: _numbers(table[name]) for name in self._read}
+        same, read = owners[1:] == owners[:-1], dict[str, Array]()
+        for name in self._read:
+            found = flat.numbers_or_missing(table[name])
+            is_null = table[name].is_null().to_numpy() if found is None else ()  # texts are 0 or NaN
+            read[name] = np.where(is_null, np.nan, 0.0) if found is None else found[:, 0]
         kind = np.float32 if all(own.dtype == np.float32 for own in read.values()) else float
         values = np.stack([*read.values()], dtype=kind)  # in which numbers are compared fast
         low, high = values.min(axis=1), values.max(axis=1)
@@ -77,19 +79,14 @@ class Scan:
                 if not 4 * near < step < inf or not (np.abs(grown - step) <= near).all():
                     del self.clocks[name]
         if self.repeats:
-            self._add_repeats(read, same)
+            actions = np.stack([read[name] for name in self.layout.actions], axis=1)
+            before = actions[:-1][same]
+            same_values = ((own, np.stack([read[name] for name in own], axis=1)[1:][same]) for own in self.repeats)
+            with np.errstate(invalid="ignore"):  # actions of damaged files need not be whole
+                self.repeats = {own for own, now in same_values if np.array_equal(now, before.astype(now.dtype))}
+            self._n_changes += int((before != actions[1:][same]).any(axis=1).sum())
         if not self.layout.n_parts:
             self._add_action(table, at)
-
-    def _add_repeats(self, read: Mapping[str, Array], same: Array) -> None:
-        """Look at the columns that may repeat the action of the step before, where that is of the `same` demonstration,
-        and count the changes of the action."""
-        actions = np.stack([read[name] for name in self.layout.actions], axis=1)
-        before = actions[:-1][same]
-        same_values = ((own, np.stack([read[name] for name in own], axis=1)[1:][same]) for own in self.repeats)
-        with np.errstate(invalid="ignore"):  # actions of damaged files need not be whole
-            self.repeats = {own for own, now in same_values if np.array_equal(now, before.astype(now.dtype))}
-        self._n_changes += int((before != actions[1:][same]).any(axis=1).sum())
 
     def _add_action(self, table: pa.Table, at: Place) -> None:
         """Add the actions of one column, but for those that are missing."""
@@ -154,12 +151,6 @@ class Scan:
         ranges = {names[column]: (low[k], high[k]) for column, k in left if low[k] == low[k]}
         constant = [names[m] for m, k in left if m in self.layout.observations and self.within[k] and low[k] < high[k]]
         return ranges, constant, {column: int(self.missing[k]) for column, k in left if self.missing[k]}
-
-
-def _numbers(column: pa.ChunkedArray) -> Array:
-    """A column as (N,) numbers, with NaN where one is missing; texts are 0 or NaN."""
-    values = flat.numbers_or_missing(column)
-    return np.where(column.is_null().to_numpy(), np.nan, 0.0) if values is None else values[:, 0]
 
 
 def scan(steps: Steps, layout: Layout, columns: Columns) -> Scan:

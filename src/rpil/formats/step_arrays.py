@@ -109,7 +109,14 @@ def from_parts(
     steps = [name for name in columns.stored if name not in whole]
     for part in sorted(parts, key=lambda part: all(name in part.arrays or name in part.about for name in steps)):
         place = f"{source}, demonstration {part.about[id_column]!r}" if id_column in part.about else source
-        _check(part, first, steps, place)
+        for name, array in ((name, part.arrays.get(name)) for name in steps):
+            if array is None:
+                has = f"one {name!r}, and not every other has" if name in part.about else f"no {name!r}, as others have"
+                raise DataError(f"{place}: it has {has}; leave it out, or leave {name!r} out.")
+            is_other = name in first.arrays and array.shape[1:] != first.arrays[name].shape[1:]
+            if is_other or part.kind(name) == "nested":
+                has = f"the shape {array.shape} and the type {array.dtype} for {part.n_steps:,} actions"
+                raise DataError(f"{place}: {name!r} has {has}, not one row of as many numbers for each; leave it out.")
     if not options.on_disk:
         arrays = [part.arrays[name] for part in parts for name in columns.stored if name in part.arrays]
         n_bytes = sum(max(BYTES_PER_NUMBER, one.dtype.itemsize) * math.prod(one.shape) for one in arrays)
@@ -123,12 +130,11 @@ def from_parts(
         about = {m: np.repeat(np.array([part.about[m] for part, _ in pieces]), lengths) for m in whole}
         return flat.flattened(pa.table(values | about), columns.lists, columns.all)
 
-    tables = map(table_of, _batches(parts))
     if longer := [name for name in steps if any(part.arrays[name].shape[0] > part.n_steps for part in parts)]:
         notes = (*notes, f"The last value of {commas(longer)}, which comes after the last action, is left out.")
     if empty:
         notes = (*notes, f"Left out, because they have no steps: {commas(empty)}.")
-    return StepTables(tables, columns, source, format_name, metadata=metadata, notes=notes)
+    return StepTables(map(table_of, _batches(parts)), columns, source, format_name, metadata=metadata, notes=notes)
 
 
 def _kinds(part: Part) -> dict[str, Kind]:
@@ -145,19 +151,6 @@ def _kinds(part: Part) -> dict[str, Kind]:
 def is_text(dtype: np.dtype[Any]) -> bool:
     """Whether values are texts: of one length, or of any, as Zarr and h5py have them."""
     return dtype.kind in "SUT" or (dtype.metadata is not None and dtype.metadata.get("vlen") in (str, bytes))
-
-
-def _check(part: Part, first: Part, columns: Sequence[str], place: str) -> None:
-    """A `DataError` where a column is missing, is not of one value for each step, or differs from the first part's."""
-    for name in columns:
-        array = part.arrays.get(name)
-        if array is None:
-            fault = f"one {name!r}, and not every other has" if name in part.about else f"no {name!r}, as others have"
-            raise DataError(f"{place}: it has {fault}; leave it out, or leave {name!r} out.")
-        is_other = name in first.arrays and array.shape[1:] != first.arrays[name].shape[1:]
-        if is_other or part.kind(name) == "nested":
-            fault = f"the shape {array.shape} and the type {array.dtype} for {part.n_steps:,} actions"
-            raise DataError(f"{place}: {name!r} has {fault}, not one row of as many numbers for each; leave it out.")
 
 
 Pieces = Sequence[tuple[Part, slice]]

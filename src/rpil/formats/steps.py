@@ -74,8 +74,7 @@ class ArrowFile:
         A `DataError` where it cannot be written, as where there is no room for `n_rows`, where there are no tables, or
         where they have columns of other types.
         """
-        waiting = iter(tables)
-        first = next(waiting, None)
+        first = next(waiting := iter(tables), None)
         check_any(int(first is not None), source)
         assert first is not None
         schema = pa.schema([one.with_type(plain_type(one.type)) for one in first.schema])

@@ -117,12 +117,10 @@ def parts_of_lists(head: pa.Table, names: Mapping[str, Sequence[str]]) -> dict[s
 
 def flattened(table: pa.Table, lists: Mapping[str, Sequence[str]], wanted: Sequence[str]) -> pa.Table:
     """The `wanted` columns, of which those of numbers in `lists` have no value where a row has more or fewer."""
-    columns, chosen = dict[str, Any](), {*wanted}
-    for name, column in zip(table.column_names, table.columns, strict=True):
-        if kind_of_type(column.type) != "list":
-            columns[name] = column
-            continue
-        column, parts = column.combine_chunks(), lists[name]
+    columns, chosen = dict[str, Any](zip(table.column_names, table.columns, strict=True)), {*wanted}
+    for name in [name for name in lists if name in columns and kind_of_type(columns[name].type) == "list"]:
+        column, parts = columns[name], lists[name]
+        column = column.combine_chunks() if column.num_chunks != 1 else column.chunk(0)
         fits = pc.fill_null(pc.equal(pc.list_value_length(column), len(parts)), False).to_numpy(zero_copy_only=False)
         if not fits.all():
             column = column.take(pa.array(np.arange(len(column)), mask=~fits))
@@ -156,9 +154,10 @@ def column_values(table: pa.Table, name: str, at: Place, allows_missing: bool = 
         column = column.cast(column.type.value_type)
     if column.null_count and not (pa.types.is_floating(column.type) and allows_missing):
         row = pc.index(pc.is_null(column), True).as_py()
-        raise DataError(f"{at(row)}: column {name!r} has no value; fill it in, or read with --skip-bad.")
+        raise DataError(f"{at(row)}: column {name!r} has no value; fill it in, or read with --exclude or --skip-bad.")
     if _is_numeric(column.type):
-        return np.asarray(column.to_numpy())
+        whole = column.chunk(0) if column.num_chunks == 1 else column  # of which no copy is made
+        return np.asarray(whole.to_numpy(zero_copy_only=False))
     if pa.types.is_decimal(column.type):
         return np.asarray(column.cast(pa.float64()).to_numpy())
     if is_text:
@@ -233,7 +232,8 @@ def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:
     if kind not in ("list", "number"):
         return None
     floats = column if pa.types.is_floating(column.type) else column.cast(pa.float64(), safe=False)
-    return np.reshape(floats.to_numpy(zero_copy_only=False), (n_rows, width))
+    whole = floats.chunk(0) if getattr(floats, "num_chunks", 0) == 1 else floats  # of which no copy is made
+    return np.reshape(whole.to_numpy(zero_copy_only=False), (n_rows, width))
 
 
 def order_values(column: pa.ChunkedArray) -> Array | None:

@@ -14,15 +14,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.constants import golden
 from scipy.special import expit, logit
 
 from rpil.inference.answers import Answers
 from rpil.inference.settings import AnswerSettings
 from rpil.inference.witnesses import Witnesses, is_contrast, regression, weigh
 from rpil.numerics.types import Array, Bool, Float, Int
-
-GOLDEN = 0.618
-"""Places of further questions are spread by multiples of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +127,7 @@ def places_to_ask(
     place = np.argsort(np.argsort(log_odds, kind="stable")) / max(len(log_odds) - 1, 1)
     free, chosen = ~is_said, list[int]()
     for n in range(n_answers, n_answers + min(k, int(free.sum()))):
-        asked = settings.asked_places[n] if n < len(settings.asked_places) else n * GOLDEN % 1
+        asked = settings.asked_places[n] if n < len(settings.asked_places) else n * golden % 1
         chosen.append(int(np.argmin(np.where(free, np.abs(place - asked), np.inf))))
         free[chosen[-1]] = False
     return chosen

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import reduce
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import eigh
@@ -118,19 +119,22 @@ def components(summaries: Float[Array, "M S"], settings: ChannelSettings) -> Flo
 
 def summaries(data: FitData, actions: Float[Array, "N A"]) -> Float[Array, "M S"]:
     """Mean, deviation, first, last and mean change of every column of states and actions within each demonstration."""
-    columns, begins, ends, lengths = list[Array](), data.offsets[:-1], data.offsets[1:] - 1, data.lengths
+    parts, firsts = list[Array](), np.flatnonzero(np.diff(data.offsets[:-1] // BLOCK_ROWS, prepend=-1)).tolist()
     places = [(each, n) for each in (data.features, actions) for n in range(0, each.shape[1], BLOCK_COLUMNS)]
-    for values, begin in places:
-        block = np.array(values[:, begin : begin + BLOCK_COLUMNS].T, dtype=float, order="C")  # columns are summed fast
-        mean = np.add.reduceat(block, begins, axis=1) / lengths
-        changes = np.zeros_like(block)
-        np.abs(np.subtract(block[:, 1:], block[:, :-1], out=changes[:, :-1]), out=changes[:, :-1])
-        changes[:, ends] = 0.0
-        first, last, change = block[:, begins], block[:, ends], np.add.reduceat(changes, begins, axis=1)
-        block -= np.repeat(mean, lengths, axis=1)
-        spread = np.sqrt(np.add.reduceat(np.square(block, out=block), begins, axis=1) / lengths)
-        columns += [mean, spread, first, last, change / np.maximum(lengths - 1, 1)]
-    return np.concatenate(columns).T
+    for m, n in pairwise([*firsts, data.n_demonstrations]):  # of whole demonstrations, so few that they stay in cache
+        steps, offsets, columns = slice(*data.offsets[[m, n]]), data.offsets[m : n + 1] - data.offsets[m], list[Array]()
+        begins, ends, lengths = offsets[:-1], offsets[1:] - 1, np.diff(offsets)
+        for values, begin in places:
+            block = np.array(values[steps, begin : begin + BLOCK_COLUMNS].T, dtype=float, order="C")  # summed fast
+            mean, changes = np.add.reduceat(block, begins, axis=1) / lengths, np.empty_like(block)
+            np.abs(np.subtract(block[:, 1:], block[:, :-1], out=changes[:, :-1]), out=changes[:, :-1])
+            changes[:, ends] = 0.0
+            first, last, change = block[:, begins], block[:, ends], np.add.reduceat(changes, begins, axis=1)
+            block -= np.repeat(mean, lengths, axis=1)
+            spread = np.sqrt(np.add.reduceat(np.square(block, out=block), begins, axis=1) / lengths)
+            columns += [mean, spread, first, last, change / np.maximum(lengths - 1, 1)]
+        parts.append(np.concatenate(columns))
+    return np.concatenate(parts, axis=1).T
 
 
 def normal_scores(values: Float[Array, "M C"], out: Float[Array, "M C"] | None = None) -> Float[Array, "M C"]:

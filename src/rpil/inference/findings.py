@@ -5,13 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 Finding = Literal[
-    "outliers",
-    "answered",
-    "mixture",
-    "a group apart",
-    "two groups",
-    "no outliers",
-    "nothing could be learned",
+    "outliers", "answered", "mixture", "a group apart", "two groups", "no outliers", "nothing could be learned"
 ]
 
 FINDINGS: dict[str, str] = {

@@ -15,7 +15,7 @@ from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import linear, log_softmax
-from rpil.numerics.regression import error_scale, normal_equations, solve_ridge, student_log_densities
+from rpil.numerics.regression import error_scale, medians, normal_equations, solve_ridge, student_log_densities
 from rpil.numerics.types import Array, Float, Int
 
 StepRatios = tuple[Float[Array, " N"], Float[Array, " N"], Float[Array, " N"]]
@@ -70,7 +70,7 @@ class StudentRatio:
         actions = scaling(data.actions)
         weights = solve_ridge(*normal_equations(data.features[rows], actions[rows], weight[rows]), ridge)
         errors = actions - linear(data.features, weights)
-        center = np.median(actions, axis=0)
+        center = medians(actions.T)
         width = error_scale(actions - center, np.ones(len(actions)), settings.errors)
         scale = error_scale(errors, weight, settings.errors)
         return cls(weights, scaling, scale, center, width)
@@ -95,8 +95,7 @@ Ratio = SoftmaxRatio | StudentRatio
 
 def fit_ratio(data: FitData, weight: Float[Array, " N"], ridge: float, settings: HeldOutSettings) -> Ratio:
     """The ratio for the actions of the data, whose policy is fitted to weighted steps, with a `ridge` a step."""
-    kind = SoftmaxRatio if isinstance(data.space, Discrete) else StudentRatio
-    return kind.fit(data, weight, ridge, settings)
+    return (SoftmaxRatio if isinstance(data.space, Discrete) else StudentRatio).fit(data, weight, ridge, settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +114,7 @@ class FittedJudge:
     @classmethod
     def of(cls, judgement: Judgement, data: FitData, settings: JudgeSettings) -> FittedJudge:
         """From a judgement of `data`."""
-        scores, weight = judgement.scores, data.per_step(judgement.training_group.astype(float))
+        scores, weight = judgement.scores, data.per_step(judgement.scores.fit.group.astype(float))
         ratio = fit_ratio(data, weight, scores.fit.ridge, settings.held_out)
         return cls(ratio, scores.groups, scores.step_variance, judgement.states, scores.typical_own)
 

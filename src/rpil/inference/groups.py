@@ -201,8 +201,7 @@ def _log_normal(value: Array, mean: Array, variance: Array) -> Array:
 def expert_share_interval(proba: Float[Array, " M"], p_two: float) -> tuple[float, float, float]:
     """Mean and 95 % interval of the share of experts, given P(expert) of each demonstration: of a Beta posterior where
     two groups are likely, and else of Beta(2, 2)."""
-    experts = float(proba.sum())
+    experts, mean = float(proba.sum()), float(proba.mean())
     a, b = (1 + experts, 1 + len(proba) - experts) if p_two >= 0.5 else (2.0, 2.0)
     low, high = betaincinv(a, b, [0.025, 0.975])
-    mean = float(proba.mean())
     return mean, min(float(low), mean), max(float(high), mean)

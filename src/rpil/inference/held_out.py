@@ -20,6 +20,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
+from rpil.numerics import regression
 from rpil.numerics.blocks import at_actions, log_softmax, one_hot
 from rpil.numerics.regression import MIN_WEIGHT, error_scale, normal_equations, solve_ridge, student_log_densities
 from rpil.numerics.types import Array, Float, Int
@@ -98,18 +99,14 @@ def fit_weighted(
     start: Float[Array, "D K"] | None = None,
     hessian: Preconditioner | None = None,
 ) -> SoftmaxFit:
-    """A softmax policy fitted to weighted steps, with a `ridge` a step, from `start`."""
+    """A softmax policy fitted to weighted steps, with a `ridge` a step and none on the constant, from `start`."""
     from rpil.numerics.newton import NewtonSettings, fit_softmax  # which ridge regression does without
 
     rows = np.flatnonzero(weight > 0)
     features, weight = data.features[rows], weight[rows]
-    targets, penalty = one_hot(data.actions[rows], weight, n_actions(data)), penalty_of(features, weight, ridge)
+    targets = one_hot(data.actions[rows], weight, n_actions(data))
+    penalty = np.append(np.full(features.shape[1] - 1, ridge * max(float(weight.sum()), MIN_WEIGHT)), 0.0)
     return fit_softmax(features, targets, penalty, NewtonSettings(tol), start=start, preconditioner=hessian)
-
-
-def penalty_of(features: Float[Array, "N D"], weight: Float[Array, " N"], ridge: float) -> Float[Array, " D"]:
-    """The penalty on the coefficients of each feature, with a `ridge` a step; none on the constant."""
-    return np.append(np.full(features.shape[1] - 1, ridge * max(float(weight.sum()), MIN_WEIGHT)), 0.0)
 
 
 def n_actions(data: FitData) -> int:
@@ -193,9 +190,8 @@ def held_out_model(data: FitData, settings: HeldOutSettings) -> HeldOutSoftmax |
 
 def indicators(data: FitData) -> Float[Array, "N J"]:
     """The actions as the policy sees them: scaled numbers, or an indicator of each class."""
-    if isinstance(data.space, Discrete):
-        return np.eye(data.space.n)[data.actions]
-    return ActionScale.of(data)(data.actions)
+    space, actions = data.space, data.actions
+    return np.eye(space.n)[actions] if isinstance(space, Discrete) else ActionScale.of(data)(actions)
 
 
 def log_densities(errors: Float[Array, "N A"], weight: Float[Array, " N"], settings: HeldOutSettings) -> Array:
@@ -211,7 +207,7 @@ def log_reference(data: FitData, group: Array, settings: HeldOutSettings, best: 
     if isinstance(data.space, Discrete):
         return np.asarray(np.log(frequencies(data, weight))[data.actions])
     actions, own, errors = ActionScale.of(data)(data.actions), weight > 0, settings.errors
-    each = log_densities(actions - np.median(actions[own], axis=0), weight, settings)
+    each = log_densities(actions - regression.medians(actions[own].T), weight, settings)
     if best:
         mean, scale = actions[own].mean(axis=0), actions[own].std(axis=0) + errors.min_scale
         by_mean = student_log_densities(actions - mean, scale, errors)

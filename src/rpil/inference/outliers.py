@@ -7,8 +7,10 @@ The lower part of M demonstrations, by their scores y_m and the groups of these 
 
 Of up to half of all, they are outliers where their own policy explains them less well than `max_own_gain` times as the
 policy of the others explains these, each held out, in nats a step above their own actions whatever the state: noise has
-no policy. Else they act alike, and nobody can say without an answer whether they are worse: up to `max_share` of all
-they are a group apart, and more are one of two groups. Nothing here says who is good.
+no policy. Those far below must be so by sqrt(d^2 + e_m^2 - v_m), too: d is the deviation, and the error e_m is larger
+than the variance v_m says where the policy fits some states badly. Else they act alike, and nobody can say without an
+answer whether they are worse: up to `max_share` of all they are a group apart, and more are one of two groups. Nothing
+here says who is good.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from scipy.special import logit
 from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
 from rpil.inference.findings import Finding
-from rpil.inference.held_out import log_reference
+from rpil.inference.held_out import HeldOutModel, log_reference
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import HeldOutSettings, OutlierSettings
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -61,11 +63,13 @@ def claim(scoring: Scoring, scores: Scores) -> Claims:
         return Claims("nothing could be learned", nobody)
     lower = lower_part(scores, settings)
     if 2 * lower.sum() <= len(lower) and lower.any():
-        gain_upper, own = (own_gain(scoring, group, scores.fit.ridge) for group in (~lower, lower))
+        given = scoring.data, scoring.model, scores.fit.ridge, scoring.settings.held_out
+        gain_upper, own = (own_gain(group, *given) for group in (~lower, lower))
         if gain_upper <= 0:
             return Claims("nothing could be learned", nobody)
         if own <= settings.max_own_gain * gain_upper:
-            return Claims("outliers", lower)
+            sure = lower_part(scores, settings, sure=True)
+            return Claims("outliers" if sure.any() else "no outliers", sure)
         if lower.sum() <= settings.max_share * len(lower):
             return Claims("a group apart", lower)
     if lower.any() and is_apart(scores, settings):
@@ -73,11 +77,13 @@ def claim(scoring: Scoring, scores: Scores) -> Claims:
     return Claims("no outliers" if scores.state_predicts_action else "nothing could be learned", nobody)
 
 
-def lower_part(scores: Scores, settings: OutlierSettings) -> Bool[Array, " M"]:
-    """Mask of those far below the middle, or of a lower group apart; nobody where these are too few, or all."""
-    away = scores.score - np.median(scores.score)
+def lower_part(scores: Scores, settings: OutlierSettings, sure: bool = False) -> Bool[Array, " M"]:
+    """Mask of those far below the middle, or of a lower group apart; nobody where these are too few, or all. To be
+    `sure`, the deviation grows as far as steps depend on their neighbours."""
+    away, dependence = scores.score - np.median(scores.score), scores.error**2 - scores.variance
     deviation = 1.4826 * float(np.median(np.abs(away)))  # of a normal distribution
-    far = (away < -settings.min_gap * deviation) & (scores.groups.log_bayes_factor > 0)
+    spread = np.sqrt(deviation**2 + sure * np.maximum(dependence, 0.0))
+    far = (away < -settings.min_gap * spread) & (scores.groups.log_bayes_factor > 0)
     lower = far | ((scores.log_odds <= -logit(settings.min_proba)) & is_apart(scores, settings))
     return np.asarray(lower & (settings.min_group <= lower.sum() < len(lower)))
 
@@ -91,24 +97,19 @@ def widened(claims: Claims, scores: Scores, settings: OutlierSettings) -> Claims
     """The claims about a sample as claims about all demonstrations, which have these `scores`."""
     if claims.finding == "two groups":
         return replace(claims, lower=~scores.groups.upper(scores.score, scores.variance))
-    lower = lower_part(scores, settings) & claims.lower.any()
+    lower = lower_part(scores, settings, sure=claims.finding == "outliers") & claims.lower.any()
     if claims.lower.any() and not lower.any():
         return Claims("no outliers", lower)
     return replace(claims, lower=lower)
 
 
-def own_gain(scoring: Scoring, group: Bool[Array, " M"], ridge: float) -> float:
-    """The median gain, in nats a step, of the members of a `group` by a policy that is fitted to it, held out."""
-    data = scoring.data
-    log_prob = scoring.model.evaluate(data.per_step(group.astype(float)), ridge)
-    return float(np.median(gains(data, log_prob, group, scoring.settings.held_out)))
-
-
-def gains(
-    data: FitData, log_prob: Float[Array, " N"], group: Bool[Array, " M"], settings: HeldOutSettings
-) -> Float[Array, " G"]:
-    """Mean log-ratios of the members of a `group` against its own reference, in nats a step."""
-    return np.asarray(data.mean_steps(log_prob - log_reference(data, group, settings))[group])
+def own_gain(
+    group: Bool[Array, " M"], data: FitData, model: HeldOutModel, ridge: float, settings: HeldOutSettings
+) -> float:
+    """The median gain, in nats a step, of the members of a `group` by a policy that is fitted to it, held out, against
+    their own reference."""
+    log_prob = model.evaluate(data.per_step(group.astype(float)), ridge)
+    return float(np.median(data.mean_steps(log_prob - log_reference(data, group, settings))[group]))
 
 
 def telling_pair(claims: Claims, log_odds: Float[Array, " M"]) -> tuple[int, int] | None:

@@ -22,6 +22,9 @@ from rpil.inference.settings import JudgeSettings
 from rpil.inference.trimming import TrimmedFit, choose_ridge
 from rpil.numerics.types import Array, Float, Int
 
+N_BATCHES = 8
+"""Stretches of a demonstration whose means are compared; 6 and 10 name as many good ones for each bad one."""
+
 
 @dataclass(frozen=True, eq=False)
 class Scores:
@@ -30,6 +33,8 @@ class Scores:
     score: Float[Array, " M"]
     variance: Float[Array, " M"]
     """y_m, in nats a step, and its variance v_m."""
+    error: Float[Array, " M"]
+    """Standard error of y_m by `batch_errors`."""
     groups: Groups
     step_variance: float
     """Variance of the log-ratio of a step within a demonstration, pooled over demonstrations."""
@@ -94,11 +99,22 @@ class Scoring:
         score = score - self.monotony
         step_variance = float(squares.sum()) / max(len(log_ratio) - data.n_demonstrations, 1)
         variance = mean_variance(squares, data.lengths, step_variance, settings.variance_steps)
+        error = batch_errors(log_ratio, data.offsets)
         groups = fit_groups(score, variance, data.lengths, settings.groups)
         gain = float(np.median(data.mean_steps(fit.log_prob - self.log_q_best)[fit.group]))
         entropy = 1.0 if data.space.has_density else -float(self.log_q.mean())  # the most that can be gained
         predicts = gain > settings.min_gain * min(entropy, 1.0)
-        return Scores(score, variance, groups, step_variance, predicts, fit, self.typical_own)
+        return Scores(score, variance, error, groups, step_variance, predicts, fit, self.typical_own)
+
+
+def batch_errors(log_ratio: Float[Array, " N"], offsets: Int[Array, " M1"]) -> Float[Array, " M"]:
+    """Standard error of the mean over the steps of each demonstration, by the means of `N_BATCHES` stretches of it:
+    steps depend on their neighbours (batch means; Law and Carson 1979). 0 with fewer than two steps a stretch."""
+    lengths = np.diff(offsets)
+    starts = offsets[:-1, None] + lengths[:, None] * np.arange(N_BATCHES) // N_BATCHES
+    sizes = np.diff(starts, append=offsets[1:, None], axis=1)
+    means = np.add.reduceat(log_ratio, starts.ravel()).reshape(starts.shape) / np.maximum(sizes, 1)
+    return np.where(lengths < 2 * N_BATCHES, 0.0, means.std(axis=1, ddof=1) / np.sqrt(N_BATCHES))
 
 
 def mean_variance(

@@ -19,7 +19,7 @@ from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trimming import fit_group, fit_trimmed
 from rpil.inference.two_parts import two_parts
-from rpil.numerics.types import Array, Bool, Float, Int
+from rpil.numerics.types import Array, Float, Int
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +51,6 @@ class Judgement:
         first = np.unique(self.copy_of)
         pair = telling_pair(replace(self.claims, lower=self.claims.lower[first]), self.log_odds[first])
         return None if pair is None else (int(first[pair[0]]), int(first[pair[1]]))
-
-    @property
-    def training_group(self) -> Bool[Array, " S"]:
-        """Training group among those from which the policies learned: all, or a sample."""
-        return self.scores.fit.group
 
 
 def judge(
@@ -112,7 +107,7 @@ def repeated(judged: Judgement, copies: Copies, offsets: Int[Array, " M1"]) -> J
     place, scores = copies.place, judged.scores
     return replace(
         judged,
-        scores=replace(scores, score=scores.score[place], variance=scores.variance[place]),
+        scores=replace(scores, score=scores.score[place], variance=scores.variance[place], error=scores.error[place]),
         columns=judged.columns[place],
         claims=judged.claims.repeated(copies),
         copy_of=copies.copy_of,

@@ -23,7 +23,7 @@ from scipy.special import betaln, expit, logit, logsumexp
 
 from rpil.data.fit_data import FitData
 from rpil.inference.held_out import HeldOutModel, held_out_model
-from rpil.inference.outliers import gains
+from rpil.inference.outliers import own_gain
 from rpil.inference.scores import Scores
 from rpil.inference.settings import JudgeSettings, PartSettings
 from rpil.numerics.regression import mean_ranks
@@ -48,10 +48,8 @@ def two_parts(data: FitData, scores: Scores, outlier: Bool[Array, " M"], setting
     if best is None:
         return without
     part, explained = best
-    own = []
-    for model, group in zip(models, (part, ~part), strict=True):
-        log_prob = model.evaluate(data.per_step(group.astype(float)), ridge)
-        own.append(float(np.median(gains(data, log_prob, group, settings.held_out))))
+    groups = zip(models, (part, ~part), strict=True)
+    own = [own_gain(group, data, model, ridge, settings.held_out) for model, group in groups]
     if max(own) <= limits.min_rule or explained - together <= limits.min_gain * max(own):
         return without
     is_noise = min(own) <= limits.max_noise * max(own)
@@ -109,7 +107,6 @@ def thinned(data: FitData, max_steps: int) -> FitData:
     k = -(-len(data.actions) // max_steps)
     if k < 2:
         return data
-    own = np.arange(len(data.actions)) - np.repeat(data.offsets[:-1], data.lengths)
-    rows = np.flatnonzero(own % k == 0)
+    rows = np.flatnonzero((np.arange(len(data.actions)) - np.repeat(data.offsets[:-1], data.lengths)) % k == 0)
     offsets = np.concatenate([[0], np.cumsum(-(-data.lengths // k))])
     return replace(data, features=data.features[rows], actions=data.actions[rows], offsets=offsets)

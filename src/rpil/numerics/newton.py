@@ -81,6 +81,8 @@ def fit_softmax(
     logits = linear(features, weights)
     log_proba = log_softmax(logits)
     objective, n_products = _objective(log_proba, targets, weights, ridge), 0
+    # Directions need fewer digits than slopes, unless the fit goes on to many.
+    seen = features if settings.tol < 1e-5 else features.astype(np.float32, copy=False)
 
     for n_iter in range(settings.max_iter + 1):
         proba = np.exp(log_proba)
@@ -90,13 +92,11 @@ def fit_softmax(
             return SoftmaxFit(weights, log_proba, objective, preconditioner)
         if preconditioner is None or n_products > PRECONDITIONER_PRODUCTS:
             preconditioner, n_products = Preconditioner(features, proba, weight, penalty), 0
-        step, n = _newton_direction(features, proba, weight, ridge, slope, preconditioner, settings)
+        step, n = _newton_direction(seen, proba, weight, ridge, slope, preconditioner, settings)
         n_products += n
 
         # Logits move on a line, so that a trial length costs no pass over the features.
-        step_logits = linear(features, step)
-        descent = float((slope * step).sum())
-        length = 1.0
+        step_logits, descent, length = linear(features, step), float((slope * step).sum()), 1.0
         while True:
             trial = weights + length * step
             trial_log_proba = log_softmax(logits + length * step_logits)
@@ -126,8 +126,7 @@ def _newton_direction(
 ) -> tuple[Array, int]:
     """Solve H step = -slope roughly, by n products; the residual shrinks with the slope (Eisenstat-Walker)."""
     proba, weight = (a.astype(features.dtype, copy=False) for a in (proba, weight))
-    step = np.zeros_like(slope)
-    residual = -slope
+    step, residual = np.zeros_like(slope), -slope
     direction = preconditioned = precondition(residual)
     energy = first = float((residual * preconditioned).sum())
     scale = max(float(weight.sum(dtype=float)), np.finfo(float).tiny)

@@ -24,7 +24,7 @@ FEATURE_KINDS = ("raw", "folded", "nystroem")
 FEATURES = ("auto", *FEATURE_KINDS)
 """Names that the estimators accept; "auto" chooses among the kinds, see `rpil.policies.selection`."""
 
-DESIGN_BLOCK_ROWS = 4096
+DESIGN_BLOCK_ROWS = 1024
 """Rows of a design matrix that are computed at a time, so that intermediate arrays stay in cache."""
 
 SINGLE_MAX_CENTER = 4.0

@@ -15,7 +15,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg.lapack import dposv
 from scipy.special import gammaln
 
 from rpil.data.archive import stored
@@ -133,12 +134,11 @@ class StudentPolicy:
         """log pi of the actions taken, and the sums of `_weighted_sums`, R^T W R for the errors R, the log-likelihood
         of every nu, the total weight, and the number of errors beyond a bound."""
         outputs = self.outputs(features)
-        errors, factors = self._errors(outputs, actions)
+        errors, beyond = self._errors(outputs, actions)
         distance = self._distance(errors)
         robust = self._robust_weight(distance, weight)
-        sums = _weighted_sums(features, errors, factors, robust, self._precision)
-        n_beyond = (factors < 1.0).sum()
-        more = (errors.T * robust) @ errors, self._log_likelihoods(distance, weight), weight.sum(), n_beyond
+        sums = _weighted_sums(features, errors, beyond, robust, self._precision)
+        more = (errors.T * robust) @ errors, self._log_likelihoods(distance, weight), weight.sum(), beyond.sum()
         return self.log_prob(outputs, actions), (*sums, *more)
 
     def m_step(
@@ -181,8 +181,8 @@ class StudentPolicy:
         """The policy after one step of weighted least squares, then Sigma, its best multiple, and nu."""
         policy, features = last.policy, data.features
         robust = policy._robust_weight(last.distance, weight)
-        grams, slope = _weighted_sums(features, last.errors, last.factors, robust, policy._precision)
-        step = policy._step(grams, slope, bool((last.factors < 1.0).any()))
+        grams, slope = _weighted_sums(features, last.errors, last.beyond, robust, policy._precision)
+        step = policy._step(grams, slope, bool(last.beyond.any()))
         moved = policy._shortened(step, linear(features, step), data.actions, last, weight)
         errors, robust = moved.errors, policy._robust_weight(moved.distance, weight)
         policy = policy._moved(moved.policy.weights, (errors.T * robust) @ errors, weight.sum())
@@ -190,7 +190,7 @@ class StudentPolicy:
         likelihoods = policy._log_likelihoods(distance, weight)
         policy = policy._with_best_freedom(likelihoods)
         objective = float(likelihoods.max()) - policy.penalty()
-        return _Fitted(policy, moved.outputs, errors, moved.factors, distance, objective)
+        return _Fitted(policy, moved.outputs, errors, moved.beyond, distance, objective)
 
     def _scaled(self, distance: Array, weight: Array) -> tuple[StudentPolicy, Array]:
         """The policy with the best multiple of Sigma, and the distances under it: with small nu Sigma alone would grow
@@ -237,11 +237,11 @@ class StudentPolicy:
         return last
 
     def _errors(self, outputs: Array, actions: Array) -> tuple[Array, Array]:
-        """Errors of the means times their factors, and the factors, (N, A) each: `BOUND_FACTOR` where the action is at
-        a bound and the mean beyond the action, else 1."""
-        beyond = ((actions >= self.high) & (outputs >= actions)) | ((actions <= self.low) & (outputs <= actions))
-        factors = np.where(beyond, BOUND_FACTOR, 1.0)
-        return factors * (actions - outputs), factors
+        """Errors of the means, and which are beyond a bound, (N, A) each: there the action is at the bound and the mean
+        beyond the action, and the error is multiplied by `BOUND_FACTOR`."""
+        errors = actions - outputs
+        beyond = ((actions >= self.high) & (errors <= 0.0)) | ((actions <= self.low) & (errors >= 0.0))
+        return np.multiply(errors, BOUND_FACTOR, out=errors, where=beyond), beyond
 
     def _robust_weight(self, distance: Array, weight: Array) -> Array:
         """Weights (N,) times the expected precision (nu + A) / (nu + distance) of each step."""
@@ -270,42 +270,42 @@ class _Fitted:
     policy: StudentPolicy
     outputs: Array
     errors: Array
-    factors: Array
+    beyond: Array
     distance: Array
     objective: float
 
     @classmethod
     def at(cls, policy: StudentPolicy, outputs: Array, actions: Array, weight: Array) -> _Fitted:
-        errors, factors = policy._errors(outputs, actions)
+        errors, beyond = policy._errors(outputs, actions)
         distance = policy._distance(errors)
         objective = float(weight @ policy._log_density(distance, policy.freedom)) - policy.penalty()
-        return cls(policy, outputs, errors, factors, distance, objective)
+        return cls(policy, outputs, errors, beyond, distance, objective)
 
 
 def _weighted_sums(
-    features: Array, errors: Array, factors: Array, weight: Array, precision: Array
+    features: Array, errors: Array, beyond: Array, weight: Array, precision: Array
 ) -> tuple[Array, Array]:
-    """X^T W X of every part, with the squared factors of its errors, (A, D, D), and X^T W R P, (D, A), in one reading
-    of X."""
+    """X^T W X of every part, whose errors `beyond` a bound count `BOUND_FACTOR`^2 times, (A, D, D), and X^T W R P with
+    that factor, (D, A), in one reading of X."""
     n_parts, width = errors.shape[1], features.shape[1]
     grams, slope = np.zeros((n_parts, width, width)), np.zeros((width, n_parts))
-    residual = weight[:, None] * (precision @ errors.T).T * factors
+    residual = weight[:, None] * (precision @ errors.T).T
+    np.multiply(residual, BOUND_FACTOR, out=residual, where=beyond)
     for block in blocks(features):
-        rows, of_rows, weights = features[block], factors[block], weight[block]
+        rows, weights, some = features[block], weight[block], beyond[block].any(axis=0)
         slope += rows.T @ residual[block].astype(features.dtype, copy=False)
         shared = _gram(rows, weights)
-        for part, beyond in enumerate((of_rows < 1.0).T):
-            grams[part] += _with_beyond(shared, rows, weights, beyond)
+        grams[~some] += shared
+        for part in np.flatnonzero(some):
+            grams[part] += _with_beyond(shared, rows, weights, beyond[block, part])
     return grams, slope
 
 
 def _with_beyond(shared: Array, rows: Array, weight: Array, beyond: Array) -> Array:
     """X^T W X where rows `beyond` a bound count `BOUND_FACTOR`^2 times, from `shared`, in which they count once, and
     the rows of the rarer sort alone."""
-    few, factor = beyond.sum(), BOUND_FACTOR**2
-    if few == 0:
-        return shared
-    if 2 * few <= len(beyond):
+    factor = BOUND_FACTOR**2
+    if 2 * np.count_nonzero(beyond) <= len(beyond):
         return shared - (1.0 - factor) * _gram(rows[beyond], weight[beyond])
     return factor * shared + (1.0 - factor) * _gram(rows[~beyond], weight[~beyond])
 
@@ -317,8 +317,5 @@ def _gram(rows: Array, weight: Array) -> Array:
 
 def _solve(matrix: Array, right: Array) -> Array:
     """The solution, or least squares where the columns are dependent and the ridge does not make up for it."""
-    try:
-        solution: Array = cho_solve(cho_factor(matrix), right)
-    except np.linalg.LinAlgError:
-        solution = np.linalg.lstsq(matrix, right)[0]
-    return solution
+    _, solution, failed = dposv(matrix, right)
+    return np.asarray(np.linalg.lstsq(matrix, right)[0] if failed else solution)

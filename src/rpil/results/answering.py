@@ -18,7 +18,6 @@ from rpil.inference.answered import Answered, answer, places_to_ask
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import DECIDED
 from rpil.inference.groups import expert_share_interval
-from rpil.inference.witnesses import Witnesses
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.judged import Demonstrator, Interval, Judged
 from rpil.results.reasons import NEARLY_ALL, TWO_GROUPS, span, worst_stretch
@@ -59,12 +58,12 @@ def with_answers(audit: A, known: Answers) -> A:
     found = answer(audit.columns, known, audit.settings.judge.answers, audit.copy_of)
     known = replace(known, heard=found.witnesses.heard)
     from_label = found.log_odds - audit.from_actions
-    who, prior = known_demonstrators(audit.demonstrators, audit.ids), audit.settings.judge.demonstrators
-    said = known.shared(audit.copy_of).said
+    named = {name: one.name for one in audit.demonstrators for name in one.demonstrations}
+    who = Demonstrators.from_names([named.get(name) for name in audit.ids]) if named else Demonstrators()
+    said, prior = known.shared(audit.copy_of).said, audit.settings.judge.demonstrators
     from_demonstrator, trust = trust_by_demonstrator(who, found.log_odds, said, audit.copy_of, prior)
     log_odds = audit.from_actions + from_demonstrator + from_label
     verdicts = found.verdicts * (np.sign(log_odds) == found.verdicts)  # a demonstrator withdraws some, and gives none
-    proba = shown_proba(log_odds, verdicts, "answered", audit.settings.min_proba("answers"))
     is_decided = known.once(audit.copy_of).contrast  # until then those that were outliers without answers stay so
     stays = np.where(found.verdicts == 0, audit.claimed, 0) * (not is_decided)
     answered = replace(
@@ -74,7 +73,7 @@ def with_answers(audit: A, known: Answers) -> A:
         log_odds=log_odds,
         from_demonstrator=from_demonstrator,
         from_label=from_label,
-        expert_proba=proba,
+        expert_proba=shown_proba(log_odds, verdicts, "answered", audit.settings.min_proba("answers")),
         verdicts=verdicts_of(verdicts, "answers", stays),
         prior=Interval(*expert_share_interval(expit(log_odds), 1.0)),
         identifiable=audit.identifiable or is_decided,
@@ -83,7 +82,7 @@ def with_answers(audit: A, known: Answers) -> A:
         answers=known,
         own_reasons=(),
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
-        doubts=doubts_of_answers(found, known, is_decided),
+        doubts=tuple(doubts_of_answers(found, known, is_decided)),
         notes=tuple(note for note in audit.notes if not (is_decided and any(said in note for said in _UNTIL_DECIDED))),
     )
     return replace(answered, step_weight=weights_of(answered), rejected_by=rejecting_rules(answered))
@@ -147,18 +146,16 @@ def verdicts_of(verdicts: Int[Array, " M"], anchor: str, stays: Int[Array, " M"]
     return tuple(texts[sign] for sign in np.where(verdicts == 0, stays, 2 * verdicts).tolist())
 
 
-def doubts_of_answers(found: Answered, known: Answers, contrast: bool) -> tuple[str, ...]:
-    """Sentences that speak against verdicts by these answers."""
+def doubts_of_answers(found: Answered, known: Answers, contrast: bool) -> Iterator[str]:
+    """Sentences that speak against verdicts by these answers, also on the outcomes that the other answers contradict,
+    or do not confirm; numbers that are given in Python are called outcome alone."""
     if found.count == 1:
-        return ("One answer alone does not make other demonstrations good or bad; give a second one.",)
-    nothing_followed = (NOTHING_FOLLOWED,) * (found.count >= MIN_OF_NOTHING and contrast and not found.follows)
-    return nothing_followed + tuple(doubts_of_witnesses(found.witnesses, known))
-
-
-def doubts_of_witnesses(found: Witnesses, known: Answers) -> Iterator[str]:
-    """The outcomes that the other answers contradict, or do not confirm; numbers that are given in Python are called
-    outcome alone."""
-    for name, confirmed, sign in zip(known.names, found.confirmed, found.sign, strict=False):
+        yield "One answer alone does not make other demonstrations good or bad; give a second one."
+        return
+    if found.count >= MIN_OF_NOTHING and contrast and not found.follows:
+        yield NOTHING_FOLLOWED
+    witnesses = found.witnesses
+    for name, confirmed, sign in zip(known.names, witnesses.confirmed, witnesses.sign, strict=False):
         outcome = "outcome" + f" {printable(name)}" * (name != "outcome")
         if confirmed < 0.5:
             yield f"No answer and no other outcome confirms the {outcome}, so it counts for little."
@@ -166,24 +163,18 @@ def doubts_of_witnesses(found: Witnesses, known: Answers) -> Iterator[str]:
             yield f"The {outcome} contradicts the other answers: less of it counts as better."
 
 
-def sentence_of(audit: Judged) -> str:
-    """How many answers there are, about different demonstrations."""
-    known = audit.answers.once(audit.copy_of)
-    counts = {
-        "labels": int(np.count_nonzero(known.labels)),
-        "pairs": len(known.compared),
-        "outcomes": int(np.isfinite(known.outcomes).sum()),
-    }
-    given = ", ".join(f"{count:,} {name if count > 1 else name[:-1]}" for name, count in counts.items() if count)
-    return f"P(good) is learned from {given or 'no answers'}, each of which may be wrong."
-
-
 def question(audit: Judged) -> str | None:
     """The question "which is better?" whose answer would say most, with the worst stretch of each to look at; None
     after an answer, or if all scores are the same."""
     if audit.anchor != "none" or audit.answers.count or len(audit.pair) != 2:
         return None
-    return f"Which is better: {' or '.join(where_to_look(audit, name) for name in audit.pair)}?"
+    return question_sentence(audit, audit.pair)
+
+
+def question_sentence(audit: Judged, names: Sequence[Hashable]) -> str:
+    """The question about one or two demonstrations, with where to look; never what the audit thinks of them."""
+    where = " or ".join(where_to_look(audit, name) for name in names)
+    return f"Which is better: {where}?" if len(names) == 2 else f"Is it good or bad: {where}?"
 
 
 def where_to_look(audit: Judged, name: Hashable) -> str:
@@ -229,8 +220,7 @@ def suggest_labels(audit: Judged, k: int = 3) -> tuple[Hashable, ...]:
         raise DataError(f"k={k!r} labels cannot be suggested; ask for one at least.")
     first = np.unique(audit.copy_of, return_index=True)[1]
     known, settings = audit.answers.once(audit.copy_of), audit.settings.judge.answers
-    n_answers = int(np.count_nonzero(known.labels))
-    chosen = places_to_ask(audit.from_actions[first], known.said != 0, n_answers, settings, k)
+    chosen = places_to_ask(audit.from_actions[first], known.said != 0, int(np.count_nonzero(known.labels)), settings, k)
     return tuple(audit.ids[m] for m in first[chosen].tolist())
 
 
@@ -245,9 +235,3 @@ def rank_demonstrators(
     intervals = [Interval(*own) for own in trust.tolist()] or repeat(None)
     named = (who for who in map(Demonstrator, demonstrators.names, intervals, members) if who.name is not None)
     return tuple(sorted(named, key=lambda who: -who.trust.mean if who.trust else 0.0))
-
-
-def known_demonstrators(found: Sequence[Demonstrator], ids: Sequence[Hashable]) -> Demonstrators:
-    """The demonstrators of the demonstrations `ids`, of which those that were `found` have a name."""
-    who = {name: one.name for one in found for name in one.demonstrations}
-    return Demonstrators.from_names([who.get(name) for name in ids]) if found else Demonstrators()

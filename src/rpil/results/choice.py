@@ -22,7 +22,7 @@ from rpil.data.copies import RUN_KEY
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
 from rpil.data.id_values import check_ids, read_answers
-from rpil.data.memory import LARGEST_TABLE, parse, read_text
+from rpil.data.memory import LARGEST_TABLE, read_text
 from rpil.data.text import MAX_IDS, MAX_LISTED_NAMES, from_cell, listed, printable
 from rpil.formats import write_columns
 from rpil.results.judged import PROVENANCE_KEY
@@ -46,25 +46,12 @@ RULES_OF_VERDICTS = {"bad": "answers", "adversary": "adversary"}
 
 
 @dataclass(frozen=True)
-class Asked:
-    """Wishes of a user beside the verdicts of an audit."""
-
-    share: float | None = None
-    """Keep this share of the demonstrations, in (0, 1]; those with the largest log-odds."""
-    faulty: Set[str] = frozenset()
-    """Ids, as text, of the demonstrations with a fault that was named."""
-    spared: Set[str] = frozenset()
-    """Ids, as text, of those that are kept whatever speaks against them."""
-
-
-@dataclass(frozen=True)
 class Choice:
     """Which demonstrations are kept, in the order of the table."""
 
     kept: tuple[Id, ...]
     rejected: Mapping[str, tuple[Id, ...]]
     """The others by the rule that rejects them, one of `KEEP_RULES`; no rule without any."""
-    asked: Asked = Asked()
     failure: str = "outcome = 0"
     """How those failed that an outcome rejects: its column, and the value there."""
     notes: tuple[str, ...] = ()
@@ -95,41 +82,46 @@ def file_ids(ids: Sequence[Hashable]) -> list[Hashable]:
     return list(ids if all(isinstance(name, int) for name in ids) else map(str, ids))
 
 
-def choose(table: Table, asked: Asked = Asked()) -> Choice:
+def choose(
+    table: Table, share: float | None = None, faulty: Set[str] = frozenset(), spared: Set[str] = frozenset()
+) -> Choice:
     """Which demonstrations of a table of verdicts are kept.
 
-    Labels, outcomes of 0 and named faults come first, then a share, or where there is none the rules in the column
-    rejected_by, or the verdicts where there is no such column. A `DataError` where the table, which `AuditResult.table`
-    or `read_verdicts` gave, has no numbers to choose by, or a verdict is none of an audit.
+    Those that are `spared`, ids as text, are, whatever speaks against them. Of the others labels, outcomes of 0 and the
+    `faulty` ones come first, then a share in (0, 1] of those with the largest log-odds, or where there is none the
+    rules in the column rejected_by, or the verdicts where there is no such column. A `DataError` where the table, which
+    `AuditResult.table` or `read_verdicts` gave, has no numbers to choose by, or a verdict is none of an audit.
     """
     ids = cast(Sequence[Id], table["id"])
     labels, said = (table.get(name, [""] * len(ids)) for name in ("label", "said"))
     kept, rejected = list[Id](), {rule: list[Id]() for rule in KEEP_RULES}
-    failure, notes, known = Choice.failure, list[str](), zip(_by_audit(table), _below(table, asked), strict=True)
-    for name, label, how, (by_audit, below) in zip(ids, labels, map(str, said), known, strict=True):
-        rule = "" if str(name) in asked.spared else _rule_of(str(name), label, by_audit, below, asked)
+    failure, notes, column = Choice.failure, list[str](), "rejected_by" if "rejected_by" in table else "verdict"
+    known, words = KEEP_RULES if column == "rejected_by" else SIDES, [str(word or "") for word in table[column]]
+    for name, word in zip(ids, words, strict=True):
+        if word and word not in known:
+            rest = f"{word!r} is unknown; write one of {', '.join(known)}"
+            raise DataError(f"Demonstration {name!r}: the {column.replace('_', ' ')} {rest}.")
+    every = zip(ids, labels, map(str, said), words, _below(table, share), strict=True)
+    for name, label, how, word, below in every:
+        by_audit = word if column == "rejected_by" else RULES_OF_VERDICTS.get(word, "")
+        is_spared, rule = str(name) in spared, "" if label else by_audit
+        if label == "bad":
+            rule = "labels"
+        elif by_audit == "outcome" and label != "good":
+            rule = by_audit
+        elif str(name) in faulty:
+            rule = "faults"
+        elif below is not None:
+            rule = "threshold" * below
+        rule = "" if is_spared else rule
         (rejected[rule] if rule else kept).append(name)
         if rule == "outcome":
             failure = how or failure
-        elif how.startswith(WORSE) and not (rule or label or str(name) in asked.spared) and below is None:
+        elif how.startswith(WORSE) and not (rule or label or is_spared) and below is None:
             notes.append(f"{printable(name)} is kept though you called it {printable(how)}: one answer more decides.")
     by_outcomes = "label" in table and not any(labels) and not any(str(how).startswith(WORSE) for how in said)
     of_rule = {rule: tuple(own) for rule, own in rejected.items() if own}
-    return Choice(tuple(kept), of_rule, asked, failure, tuple(notes), "the outcomes" if by_outcomes else Choice.told)
-
-
-def _rule_of(name: str, label: object, rule: str, below: bool | None, asked: Asked) -> str:
-    """The rule that rejects the demonstration `name`, or nothing, by its label, the `rule` of its audit, and whether it
-    is `below` the share that is asked for, if one is."""
-    if label == "bad":
-        return "labels"
-    if rule == "outcome" and label != "good":
-        return rule
-    if name in asked.faulty:
-        return "faults"
-    if below is not None:
-        return "threshold" * below
-    return "" if label else rule
+    return Choice(tuple(kept), of_rule, failure, tuple(notes), "the outcomes" if by_outcomes else Choice.told)
 
 
 def read_verdicts(path: StrPath) -> Table:
@@ -137,11 +129,10 @@ def read_verdicts(path: StrPath) -> Table:
     demonstrations to keep that an audit or a review wrote, with the rules that reject the others. A `DataError` where
     the file cannot be read as such."""
     path = check_readable(check_extension(path, (".csv", ".json"), "verdicts"))
-    is_list = path.suffix.lower() == ".json"
     with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
         text = read_text(path, LARGEST_TABLE)
-        if is_list:
-            kept: Any = parse(text, path.name, LARGEST_TABLE)
+        if path.suffix.lower() == ".json":
+            kept: Any = json.loads(text)
             if not isinstance(kept, dict) or not {"episodes", "rejected"} <= kept.keys():
                 remedy = "give that, the CSV of --verdicts, or labels"
                 raise DataError(f"{path.name}: it is not the list of rpil audit --keep; {remedy}.")
@@ -172,9 +163,9 @@ def verdicts_about(path: StrPath, ids: Sequence[Hashable], every: Sequence[Hasha
     return {**columns, "id": ids}, {*row}
 
 
-def _below(table: Table, asked: Asked) -> Sequence[bool | None]:
+def _below(table: Table, share: float | None) -> Sequence[bool | None]:
     """Whether each demonstration is below the share that is asked for; None where none is."""
-    if asked.share is None:
+    if share is None:
         return [None] * len(table["id"])
     try:
         values = np.array(cast(Sequence[float], table["log_odds"]), dtype=float)
@@ -184,18 +175,7 @@ def _below(table: Table, asked: Asked) -> Sequence[bool | None]:
         who = f"The verdicts have no number in log_odds for {listed(without, MAX_LISTED_NAMES)}"
         raise DataError(f"{who}; audit these too, or leave them out with --without.")
     ranks = np.argsort(np.argsort(-values, kind="stable"))
-    return [*map(bool, ranks >= max(round(asked.share * len(ranks)), 1))]
-
-
-def _by_audit(table: Table) -> list[str]:
-    """The rule by which an audit rejects each demonstration, or nothing; where the table has none, by the verdict."""
-    column, known = ("rejected_by", ["", *KEEP_RULES]) if "rejected_by" in table else ("verdict", ["", *SIDES])
-    words = [str(word or "") for word in table[column]]
-    for name, word in zip(table["id"], words, strict=True):
-        if word not in known:
-            rest = f"{word!r} is unknown; write one of {', '.join(filter(None, known))}"
-            raise DataError(f"Demonstration {name!r}: the {column.replace('_', ' ')} {rest}.")
-    return words if column == "rejected_by" else [RULES_OF_VERDICTS.get(word, "") for word in words]
+    return [*map(bool, ranks >= max(round(share * len(ranks)), 1))]
 
 
 def write_verdicts(path: StrPath, audit: AuditResult, columns: Table) -> None:
@@ -204,10 +184,8 @@ def write_verdicts(path: StrPath, audit: AuditResult, columns: Table) -> None:
     JSON holds a list of objects. Parquet has the run id and the provenance among its metadata too. A `DataError` where
     the path has another extension, or cannot be written.
     """
-    said = {RUN_KEY: audit.run_id}
-    if audit.provenance is not None:
-        said[PROVENANCE_KEY] = json.dumps(audit.provenance.to_dict())
-    write_columns(path, {**columns, "id": file_ids(audit.ids)}, "verdicts", said)
+    made = {PROVENANCE_KEY: json.dumps(audit.provenance)} if audit.provenance else {}
+    write_columns(path, {**columns, "id": file_ids(audit.ids)}, "verdicts", {RUN_KEY: audit.run_id, **made})
 
 
 def write_kept(path: StrPath, audit: AuditResult, choice: Choice) -> None:
@@ -217,7 +195,7 @@ def write_kept(path: StrPath, audit: AuditResult, choice: Choice) -> None:
     Ids are in the order of the data. Whole numbers are written as such: then the list is what LeRobot takes as the
     episodes of a data set. A `DataError` where the path has another extension, or cannot be written.
     """
-    made = {} if audit.provenance is None else {"provenance": audit.provenance.to_dict()}
+    made = {"provenance": audit.provenance} if audit.provenance else {}
     content = choice.to_dict() | {"run": audit.run_id} | made
     with replacing(check_extension(path, (".json",), "demonstrations to keep")) as temporary:
         temporary.write_text(json.dumps(content, allow_nan=False, indent=1) + "\n", encoding="utf-8")

@@ -11,7 +11,7 @@ import hashlib
 import math
 import os
 from collections.abc import Hashable, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,25 +33,13 @@ _MOST_DIGESTED = 256 * 2**20
 """Bytes of a file that are all read for a digest."""
 
 
-@dataclass(frozen=True)
-class Provenance:
-    """How a result was made; `settings` are those that are not the defaults, `files` the data and then other files."""
-
-    rpil: str
-    command: str
-    seed: int
-    settings: Mapping[str, object]
-    files: tuple[Mapping[str, str | int], ...]
-
-    @classmethod
-    def of(cls, command: str, seed: int, settings: Mapping[str, object], files: Iterable[StrPath | None]) -> Provenance:
-        """The provenance of a result about these `files`, where given."""
-        found = tuple(digest(path) for path in files if path is not None)
-        return cls(rpil_version(), for_others(command), seed, settings, found)
-
-    def to_dict(self) -> dict[str, object]:
-        """All of it, for JSON."""
-        return asdict(self)
+def provenance_of(
+    command: str, seed: int, settings: Mapping[str, object], files: Iterable[StrPath | None]
+) -> dict[str, object]:
+    """How a result was made, for JSON: `settings` are those that are not the defaults, `files` the data and then other
+    files, where given."""
+    made = {"rpil": rpil_version(), "command": for_others(command), "seed": seed}
+    return made | {"settings": settings, "files": [digest(path) for path in files if path is not None]}
 
 
 def changed_settings(given: object, default: object, name: str = "") -> dict[str, object]:
@@ -202,7 +190,7 @@ class Judged:
     rejected_by: tuple[str, ...] = field(default=(), metadata=TEXT)
     within: str = ""
     fps: float | None = None
-    provenance: Provenance | None = None
+    provenance: Mapping[str, Any] | None = None
 
     @property
     def vocabulary(self) -> Vocabulary:

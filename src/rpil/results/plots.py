@@ -96,8 +96,7 @@ class AuditPlots:
 def _axes(ax: Axes | None, size: tuple[float, float]) -> Axes:
     """The axes of the caller, or new ones."""
     if ax is None:
-        plt = optional("matplotlib.pyplot", "To draw a picture", "plot")
-        _, ax = plt.subplots(figsize=size, layout="constrained")
+        _, ax = optional("matplotlib.pyplot", "To draw a picture", "plot").subplots(figsize=size, layout="constrained")
     ax.spines[["top", "right"]].set_visible(False)
     return ax
 

@@ -58,8 +58,7 @@ def reasons_of(audit: Judged, answers: Answers, said: Sequence[str]) -> Iterator
     groups = {name: letter for letter, group in zip("AB", audit.competing, strict=False) for name in group}
     rank = np.argsort(np.argsort(audit.log_odds, kind="stable"))
     for m, name in enumerate(audit.ids):
-        by_scores = _by_scores(audit, m, int(rank[m]), groups.get(name, ""))
-        reason = _by_answers(audit, m, answers, said[m]) or by_scores
+        reason = _by_answers(audit, m, answers, said[m]) or _by_scores(audit, m, int(rank[m]), groups.get(name, ""))
         place, at, does = _worst_of(audit, m)
         differs = f"{place}{f', most {at}' * bool(at)}{f': {does}' * bool(does)}"
         if reason == DIFFERENT and place:
@@ -172,8 +171,7 @@ def known_facts(columns: Float[Array, "M D"], order: Float[Array, " M"] | None) 
     found: dict[str, tuple[Fact, ...]] = {}
     if columns.shape[1] >= len(CHANNELS):
         for name, (channel, sign, *_) in RANKS.items():
-            ranks = ndtr(sign * columns[:, CHANNELS.index(channel)])
-            found[name] = tuple(np.round(ranks, 6).tolist())
+            found[name] = tuple(np.round(ndtr(sign * columns[:, CHANNELS.index(channel)]), 6).tolist())
     if order is not None:
         found["order"] = tuple((np.searchsorted(np.sort(order), order) + 1).tolist())
     return found

@@ -108,7 +108,7 @@ class Audit(AuditResult):
         Steps a second, if they are known: then sentences name seconds.
     within : str
         "tasks", "sessions" or both, if each of these was judged by itself; else empty.
-    provenance : Provenance or None
+    provenance : mapping or None
         How `rpil.audit` or a command made the audit, before any answers through `answered`.
     """
 

@@ -130,8 +130,7 @@ class AuditResult(Judged):
         DataError
             If an id or a label is unknown, answers contradict each other, or none is left.
         """
-        had = replace(self, answers=self.answers.unsaid) if instead else self
-        known = answering.merged(had, labels or {}, pairs)
+        known = answering.merged(replace(self, answers=self.answers.unsaid) if instead else self, labels or {}, pairs)
         if not known.count and self.anchor == "answers":
             raise DataError(
                 "No answer would be left; take the audit before answered(), or call rpil.audit without any."
@@ -141,20 +140,18 @@ class AuditResult(Judged):
     @property
     def assumptions(self) -> tuple[str, ...]:
         """Sentences: how it was judged, the finding, what the probability means, and from what it is learned."""
-        by_answers = self.anchor == "answers"
-        return (
-            *self.method,
-            FINDINGS[self.finding],
-            self.vocabulary.explanation,
-            answering.sentence_of(self) if by_answers else "Lengths and rewards were not used.",
-            *[WHOLE] * (self.anchor == "named adversary"),
-        )
+        known, learned = self.answers.once(self.copy_of), "Lengths and rewards were not used."
+        if self.anchor == "answers":
+            counts = np.count_nonzero(known.labels), len(known.compared), np.isfinite(known.outcomes).sum()
+            given = ", ".join(counted(n, m) for n, m in zip(counts, ("label", "pair", "outcome"), strict=True) if n)
+            learned = f"P(good) is learned from {given or 'no answers'}, each of which may be wrong."
+        whole = [WHOLE] * (self.anchor == "named adversary")
+        return *self.method, FINDINGS[self.finding], self.vocabulary.explanation, learned, *whole
 
     def worst_steps(self, index: int, k: int = 5) -> list[int]:
         """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""
         ratio = self.step_log_ratio[self.steps(index)]
-        worst = np.argsort(ratio, kind="stable")[:k]
-        return [int(n) for n in worst if ratio[n] < 0]
+        return [int(n) for n in np.argsort(ratio, kind="stable")[:k] if ratio[n] < 0]
 
     def step_trust(self, index: int) -> Float[Array, " n"]:
         """P(the `NEAR` steps around each step of demonstration `index` are like those of the trusted), all alike."""
@@ -241,7 +238,7 @@ class AuditResult(Judged):
                 | {"verdicts": self.verdict_counts(who.demonstrations)}
                 for who in self.demonstrators
             ],
-            **({} if self.provenance is None else {"provenance": self.provenance.to_dict()}),
+            **({"provenance": self.provenance} if self.provenance else {}),
         }
 
 

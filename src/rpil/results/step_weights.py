@@ -80,22 +80,14 @@ def of_demonstrations(audit: Judged) -> Float[Array, " M"]:
         acts = audit.anchor == "answers" and once.contrast
         return proba / np.average(proba, weights=audit.lengths) if acts else np.ones(len(proba))
     said, verdicts = audit.answers.shared(audit.copy_of).said, np.array(audit.verdicts)
-    side = side_of_answers(audit)
+    side, known, (better, worse) = 0, audit.answers, audit.answers.pairs.T  # each task has parts of its own
+    good, bad = np.append(np.flatnonzero(known.labels > 0), better), np.append(np.flatnonzero(known.labels < 0), worse)
+    if not audit.within and len(good) and len(bad) and once.contrast:
+        # 1 where labels and pairs call the part good that the learner trusts without them, -1 where the other one.
+        votes = {*np.sign(audit.part[good]).tolist(), *np.sign(-audit.part[bad]).tolist()}
+        side = int(votes.pop()) if len(votes) == 1 else 0
     if not side and once.contrast and np.isin(verdicts[said == 0], ["good", "bad"]).any():
         return proba
     trusted = audit.part * side > 0 if side else audit.part > -1
     weight = np.where(said == 0, trusted, said > 0).astype(float)
     return weight if weight.any() else proba
-
-
-def side_of_answers(audit: Judged) -> int:
-    """1 where labels and pairs call the part good that the learner trusts without them, -1 where they call the other
-    one good; 0 where they divide the demonstrations in another way, or do not contrast. Each task has parts of its own.
-    """
-    known = audit.answers
-    better, worse = known.pairs.T
-    good, bad = np.append(np.flatnonzero(known.labels > 0), better), np.append(np.flatnonzero(known.labels < 0), worse)
-    if audit.within or not (len(good) and len(bad) and known.once(audit.copy_of).contrast):
-        return 0
-    votes = {*np.sign(audit.part[good]).tolist(), *np.sign(-audit.part[bad]).tolist()}
-    return int(votes.pop()) if len(votes) == 1 else 0

@@ -33,7 +33,7 @@ from rpil.inference.parts import ActionScale
 from rpil.inference.settings import HeldOutSettings
 from rpil.inference.trimming import choose_ridge
 from rpil.inference.trust import Judgement
-from rpil.numerics.regression import error_scale, student_log_densities
+from rpil.numerics.regression import error_scale, medians, student_log_densities
 from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.results.answering import rank_demonstrators, rejecting_rules, shown_proba, verdicts_of, with_answers
 from rpil.results.judged import AuditSettings, Interval
@@ -56,7 +56,6 @@ def audit_from_judgement(
     """The audit of the judge, of demonstrations that are called `ids`, and with these answers, if there are any."""
     claims, log_odds = judgement.claims, judgement.log_odds
     none, groups = np.zeros(len(ids)), claims.groups
-    share = expert_share_interval(expit(log_odds), judgement.scores.groups.p_two)
     audit = Audit(
         ids=tuple(ids),
         offsets=np.asarray(data.offsets, dtype=np.int64),
@@ -70,7 +69,7 @@ def audit_from_judgement(
         verdicts=verdicts_of(claims.verdicts, "none"),
         step_log_ratio=judgement.log_ratio,
         step_weight=np.ones(len(judgement.log_ratio)),
-        prior=Interval(*share),
+        prior=Interval(*expert_share_interval(expit(log_odds), judgement.scores.groups.p_two)),
         identifiable=groups is None,
         competing=() if groups is None else tuple(tuple(ids[m] for m in group) for group in groups),
         pair=() if judgement.pair is None else tuple(ids[m] for m in judgement.pair),
@@ -203,7 +202,7 @@ class StepEvidence:
         # d_j, with the scale of the errors of the rest
         scaling, errors = ActionScale.of(data), settings.errors
         actions = scaling(data.actions)
-        away, middle = actions - (expected - scaling.location) / scaling.spread, np.median(actions, axis=0)
+        away, middle = actions - (expected - scaling.location) / scaling.spread, medians(actions.T)
         scale = error_scale(away, data.per_step(rest.astype(float)), errors)
         width = error_scale(actions - middle, np.ones(len(actions)), errors)
         log_ratio = student_log_densities(away, scale, errors) - student_log_densities(actions - middle, width, errors)
@@ -217,7 +216,7 @@ def by_held_out_policies(
     judgement: Judgement, model: HeldOutSoftmax | HeldOutRidge, copies: Copies, settings: HeldOutSettings
 ) -> StepEvidence:
     """By held-out policies of a linear `model` where actions are continuous, without `copies` of others."""
-    fit, data, group = judgement.scores.fit, model.data, judgement.training_group
+    fit, data, group = judgement.scores.fit, model.data, judgement.scores.fit.group
     if data.space.kind == "discrete":
         expected = fit.log_prob
     else:
@@ -248,19 +247,12 @@ def deviations(audit: Audit, evidence: StepEvidence, classes: Array) -> tuple[st
         rows = data.offsets[place] + steps
         if data.space.kind != "discrete":
             phrases.append(_far_part(evidence, rows, steps))
-        else:
-            phrases.append(_other_action(classes[data.actions[rows]], evidence.value[rows, 0]))
+            continue
+        unlikely = evidence.value[rows, 0] < 0.5  # by the policy of the rest
+        (own, count), *_ = *Counter(classes[data.actions[rows[unlikely]]].tolist()).most_common(1), (None, 0)
+        often, share = count >= MIN_SHARE * len(rows), f"{count} of its {len(rows)} worst steps"
+        phrases.append(f"it takes action {printable(own)} where others mostly take another ({share})" if often else "")
     return tuple(phrases)
-
-
-def _other_action(taken: Array, proba: Float[Array, " R"]) -> str:
-    """The most frequent of the actions taken whose probability by the policy of the rest is below 1/2."""
-    found = Counter(taken[proba < 0.5].tolist()).most_common(1)
-    if not found or found[0][1] < MIN_SHARE * len(taken):
-        return ""
-    own, count = found[0]
-    share = f"{count} of its {len(taken)} worst steps"
-    return f"it takes action {printable(own)} where others mostly take another ({share})"
 
 
 def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, " R"]) -> str:
@@ -279,13 +271,9 @@ def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, 
     data = evidence.data
     name = data.action_name(j) if data.action_names else f"action part {j}" if data.space.n_parts > 1 else "action"
     its = f"at step {steps[own]}: {printable(name)} is"
-    is_at, first, last = _digits(value[own], low[own], high[own])
+    differences = [size for size in (high[own] - low[own], away[own]) if size > 0]
+    decimals = max(0, -math.floor(math.log10(min(differences))))  # the digits that tell the value and the band apart
+    numbers = (round(number, decimals) + 0.0 for number in (value[own], low[own], high[own]))  # no minus zero
+    is_at, first, last = (f"{number:.{decimals}f}" for number in numbers)
     band = first if first == last else f"{first} to {last}"
     return f"{its} {is_at}; others there have {band}"
-
-
-def _digits(value: float, low: float, high: float) -> tuple[str, ...]:
-    """A value outside a band and both ends of the band, with the digits that tell them apart."""
-    differences = [size for size in (high - low, max(low - value, value - high)) if size > 0]
-    decimals = max(0, -math.floor(math.log10(min(differences))))
-    return tuple(f"{round(number, decimals) + 0.0:.{decimals}f}" for number in (value, low, high))  # no minus zero

@@ -21,7 +21,7 @@ from rpil.inference.channels import channels, columns_of, components, own_log_pr
 from rpil.inference.fitted_judge import FittedJudge, Ratio, fit_ratio
 from rpil.inference.groups import fit_groups
 from rpil.inference.outliers import widened
-from rpil.inference.scores import mean_variance
+from rpil.inference.scores import batch_errors, mean_variance
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import Sums
@@ -51,12 +51,12 @@ class DesignMap:
 
 
 class BlockScores(NamedTuple):
-    """Result of one pass for the M demonstrations of a block."""
+    """Result of one pass for the M demonstrations of a block; log-ratios and their means, the scores, are in nats."""
 
     score: Array
-    """Mean log-ratio of the steps, in nats."""
     squares: Array
-    """Sum over the steps of the squared difference from the mean."""
+    error: Array
+    """Sum over the steps of the squared difference from the mean, and standard error of the score."""
     reliability: Array
     channels: Array
     side: Array
@@ -64,7 +64,6 @@ class BlockScores(NamedTuple):
     summaries: Array
     """In single precision: a hundred numbers or more for each demonstration."""
     log_ratio: Array
-    """Log-ratio of each step, in nats."""
 
 
 def score_block(
@@ -80,7 +79,8 @@ def score_block(
     by_part = [part.step_ratios(data.features, data.actions, settings.held_out)[0] for part in parts]
     side = data.mean_steps(by_part[0] - by_part[1]) if by_part else np.zeros(data.n_demonstrations)
     summed = summaries(data, actions).astype(np.float32)
-    return BlockScores(score, squares, data.mean_steps(log_ratio > 0), described, side, summed, log_ratio)
+    error = batch_errors(scored, data.offsets)
+    return BlockScores(score, squares, error, data.mean_steps(log_ratio > 0), described, side, summed, log_ratio)
 
 
 def policies_of_parts(data: FitData, judged: Judgement, settings: JudgeSettings) -> tuple[Ratio, ...]:
@@ -117,11 +117,11 @@ def judge_everyone(
             yield log_ratio
 
     log_ratio = gathered(steps(), int(data.offsets[-1]))
-    score, squares, reliability, described, side, summed = map(np.concatenate, zip(*rows, strict=True))
+    score, squares, error, reliability, described, side, summed = map(np.concatenate, zip(*rows, strict=True))
     score[sample.indices] = judged.scores.score  # held out, as the scores of all others are
     variance = mean_variance(squares, lengths, judge.step_variance, settings.variance_steps)
     groups = fit_groups(score, variance, lengths, settings.groups)
-    scores = replace(judged.scores, score=score, variance=variance, groups=groups)
+    scores = replace(judged.scores, score=score, variance=variance, error=error, groups=groups)
     claims = widened(judged.claims, scores, settings.outliers)
     described[:, 0] = scores.log_odds
     columns = columns_of(described, components(summed, settings.channels), scores.log_odds, settings.answers)
@@ -147,8 +147,8 @@ class WeightedMap:
     trust: Array
     """Weight of each demonstration (`rpil.results.step_weights`)."""
 
-    def __call__(self, prepared: tuple[Block, FitData]) -> WeightedBlock:
-        block, data = self.design(prepared[0])
+    def __call__(self, block: Block) -> WeightedBlock:
+        _, data = self.design(block)
         return WeightedBlock(data.features, data.actions, data.per_step(self.trust[block.demonstrations]))
 
 

@@ -8,6 +8,7 @@ import weakref
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any, cast
@@ -104,11 +105,12 @@ class StepFile:
 
     def read(self, steps: slice) -> list[Array]:
         """The rows of some steps of each array."""
-        n_steps = steps.stop - steps.start
-        return [
-            np.asarray(np.memmap(self._file, row, "r", begin + steps.start * row.itemsize, n_steps))
-            for row, begin in self._arrays
-        ]
+        n, first, arrays = steps.stop - steps.start, steps.start, list[Any]()
+        for row, begin in self._arrays:
+            arrays.append(np.memmap(self._file, row, "r", begin + first * row.itemsize, n))
+            with suppress(AttributeError, OSError):  # other systems, and old kernels, map page by page
+                arrays[-1].base.madvise(22 if n < self._n_steps else 0)  # all that a block needs: MADV_POPULATE_READ
+        return list(map(np.asarray, arrays))
 
 
 def gathered(blocks: Iterable[Array], n_steps: int) -> Array:

@@ -34,8 +34,7 @@ class SampleSettings:
 
     def is_smaller_than(self, offsets: Array, n_steps: int) -> bool:
         """Whether the judge reads a sample of `n_steps` steps instead of everything, `offsets` (M + 1,)."""
-        total, n_demonstrations = int(offsets[-1]), len(offsets) - 1
-        typical = self.n_demonstrations * total / n_demonstrations
+        total, typical = int(offsets[-1]), self.n_demonstrations * int(offsets[-1]) / (len(offsets) - 1)
         size = max(n_steps, min(typical, self.max_ratio * n_steps))
         return total > max(self.min_samples * n_steps, 2 * size)
 
@@ -47,8 +46,7 @@ class SampleSettings:
         """
 
         def first(order: Array) -> Array:
-            bounds = [n_steps, self.max_ratio * n_steps]
-            enough, too_many = np.searchsorted(np.cumsum(lengths[order]), bounds) + 1
+            enough, too_many = np.searchsorted(np.cumsum(lengths[order]), [n_steps, self.max_ratio * n_steps]) + 1
             return order[: max(enough, min(self.n_demonstrations, max(too_many, self.min_demonstrations)))]
 
         order = rng.permutation(len(lengths))

@@ -115,7 +115,7 @@ class MovedColumns:
         for begin, end in pairwise(self.offsets.tolist()):
             own, acts = self.values[begin:end, ~self.is_action], closed[begin:end].copy()
             for a, b in spans(~acts):
-                if a > 0 and b < len(acts) and b - a < self.window:
+                if b - a < self.window:
                     acts[a:b] = True
             for (_, a), (b, _) in pairwise(spans(acts)):
                 way = own[a:b]

@@ -16,11 +16,6 @@ VERSION = "Number(document.querySelector('.ask').dataset.version)"
 CHOSEN = "document.querySelector('.detail h3').innerText"
 
 
-def address_of(client):
-    """The address of the page as a pattern: soon after the page is drawn, what is chosen is a part of it."""
-    return rf"http://127\.0\.0\.1:{client.gate.port}/(#episode=\d+)?"
-
-
 @pytest.fixture
 def browser(chromium):
     yield chromium.renew()
@@ -51,7 +46,8 @@ def test_answers_by_keys_are_written_and_shown(audit, browser, tmp_path):
         browser.open(tmp_path / "link.html")
         browser.click("a")  # a link of another site, as in a terminal that is a page
         browser.wait(f"{CHOSEN} === '{audit.pair[0]}'")
-        assert re.fullmatch(address_of(client), browser.evaluate("location.href")), "the token is not shown"
+        address = rf"http://127\.0\.0\.1:{client.gate.port}/(#episode=\d+)?"  # soon with what is chosen
+        assert re.fullmatch(address, browser.evaluate("location.href")), "the token is not shown"
         assert "Which is better" in browser.text(".ask h2")
         after(browser, 1, "1")
         assert read_answers("labels.csv") == ({}, {tuple(map(str, audit.pair)): "better than"})

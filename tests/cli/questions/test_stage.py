@@ -68,14 +68,11 @@ def ask_about(page, version=0):
     browser.wait(f"{VERSION} === {version} && document.querySelector('.ask .clock') !== null")
 
 
-def review_with_films(audit, folder):
-    return review_of(audit, videos=EpisodeVideos.of(str(folder), audit.ids, lerobot_folders.FPS))
-
-
 @needs_chromium
 @pytest.mark.slow
 def test_films_play_in_step_by_keys_with_a_bar_of_their_own(browser, episodes, filmed):
-    with serving(review_with_films(filmed, episodes)) as client:
+    videos = EpisodeVideos.of(str(episodes), filmed.ids, lerobot_folders.FPS)
+    with serving(review_of(filmed, videos=videos)) as client:
         ask_about((browser, client))
         n_asked = len(client.asked())
         browser.wait(f"{FILMS}.length === {n_asked + 1} && {FILMS}.every((film) => film.readyState >= 2)")

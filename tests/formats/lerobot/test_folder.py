@@ -14,20 +14,17 @@ from rpil.data.errors import DataError
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.registry import find
 
-LENGTHS = (4, 6, 5, 7)
-TASKS = ["lift", "put down"]
-
 
 @pytest.fixture
 def dataset(tmp_path):
     """Four episodes in two files, with two tasks; the rows about episodes name the wrong file for the second."""
-    root = folders.write(tmp_path / "drive", LENGTHS, cameras=(), per_file=2)
+    root = folders.write(tmp_path / "drive", (4, 6, 5, 7), cameras=(), per_file=2)
     for file in (root / "data").rglob("*.parquet"):
         table = pq.read_table(file)
         number = pa.array(table["episode_index"].to_numpy() % 2)
         pq.write_table(table.set_column(table.column_names.index("task_index"), "task_index", number), file)
     # The texts are the index, and the rows do not come in the order of their numbers.
-    pd.DataFrame({"task_index": [1, 0]}, index=TASKS[::-1]).to_parquet(root / "meta" / "tasks.parquet")
+    pd.DataFrame({"task_index": [1, 0]}, index=["lift", "put down"][::-1]).to_parquet(root / "meta" / "tasks.parquet")
     with folders.changing_episodes(root) as rows:
         rows[1]["data/file_index"] = 1
     return root

@@ -14,10 +14,8 @@ from rpil.mixture.adversaries.named import ADVERSARIES, adversary
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.policies.linear import LinearPolicy, linear_policy
 
-NAMES = tuple(ADVERSARIES["continuous"])
 TOY = make_continuous("noisy", 0)
 PROBLEM = TOY.problem()
-N = len(PROBLEM.actions)
 
 
 def fresh(problem: FitData = PROBLEM) -> LinearPolicy:
@@ -54,7 +52,7 @@ def test_log_prob_is_the_definition():
     steps = PROBLEM.features, outputs, PROBLEM.actions
     width = TOY.space.high - TOY.space.low
     np.testing.assert_allclose(uniform.log_prob(*steps), -np.log(width).sum())
-    assert UniformBox(TOY.space.log_volume).log_prob(*steps).shape == (N,)
+    assert UniformBox(TOY.space.log_volume).log_prob(*steps).shape == (len(PROBLEM.actions),)
 
     found, _ = fitted("marginal")
     bins = np.minimum((20 * (TOY.actions - TOY.space.low) / width).astype(int), 19)
@@ -67,7 +65,7 @@ def test_log_prob_is_the_definition():
     )
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ADVERSARIES["continuous"])
 def test_fit_never_lowers_the_objective_and_there_is_no_intended_action(name):
     found, outputs = fitted(name)
     assert found.intended_action_proba(outputs, PROBLEM.actions) is None

@@ -19,7 +19,6 @@ from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.results.answering import looking_order
 from rpil.results.html.page import About, write_page
-from rpil.results.judged import Provenance
 from rpil.results.record import Audit, Demonstrator
 from rpil.segments.ranges import Segments
 
@@ -31,7 +30,7 @@ HOSTILE = (
 )
 
 
-MADE = Provenance("1", "rpil audit x.csv", 0, {}, ())
+MADE = {"rpil": "1", "command": "rpil audit x.csv", "seed": 0, "settings": {}, "files": []}
 
 
 @pytest.fixture
@@ -149,12 +148,11 @@ def test_marks_survive_a_reload_and_are_downloaded(browser: Browser, tmp_path: P
     assert dict(rows[1:]) == given | marks
     assert len(rows) == 1 + len(given | marks)
     kept = json.loads(downloaded(tmp_path, browser, "keep", "keep.json"))
-    kept["provenance"]["files"] = tuple(kept["provenance"]["files"])
     bad = {m for m in range(10) if (given | marks).get(str(m)) == "bad"}  # an outlier need not be
     assert kept == {
         "episodes": [m for m in range(10) if m not in bad],
         "run": audit.run_id,
-        "provenance": MADE.to_dict(),
+        "provenance": MADE,
     }
     browser.click('[data-filter=mark][data-value="good"]')
     assert column(browser, 1) == first[1:]

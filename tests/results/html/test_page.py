@@ -15,7 +15,6 @@ from markupsafe import Markup
 from audits import make_audit
 from html_page import Page
 from rpil.results.html.page import About, render_page
-from rpil.results.judged import Provenance
 from rpil.results.record import Audit
 
 ADDRESS = "https://github.com/leeoniya/uPlot"
@@ -56,7 +55,7 @@ def test_text_from_the_data_is_never_html() -> None:
     ids = (evil, '"><img src=x>')
     changes = {"method": (evil,), "adversary": evil, "competing": ((ids[0],), (ids[1],)), "pair": ids}
     audit = make_audit(("open", "outlier"), ids=ids, identifiable=False, doubts=(evil,), **changes)
-    audit = replace(audit, provenance=Provenance(evil, evil, 0, {evil: [evil]}, ()))
+    audit = replace(audit, provenance={"rpil": evil, "command": evil, "settings": {evil: [evil]}})
     about = {"title": evil, "source": evil, "read": (evil,)}
     text = render(audit, sections=[(evil, evil)], tasks={evil: evil}, **about)
     assert evil not in text

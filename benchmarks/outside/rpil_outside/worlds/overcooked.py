@@ -161,6 +161,12 @@ class Overcooked:
     published = "nothing of who is good"
     cells = KITCHENS
     needs: tuple[str, ...] = ()
+
+    @property
+    def files(self) -> list[Path]:
+        """Return the recorded trials that must be there."""
+        return [folder() / f"overcooked_{kitchen}.npz" for kitchen in KITCHENS]
+
     whole = 200.0
 
     def make(self, cell: str, seed: int, quick: bool) -> Made:

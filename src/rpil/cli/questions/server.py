@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from rpil.cli.questions.session import EpisodeVideos, Recorded, Session, choices, question_sentence
+from rpil.cli.questions.session import EpisodeVideos, Recorded, Session, choices
 from rpil.data.arrays import check_name
-from rpil.data.errors import DataError, MissingExtraError, optional
+from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.memory import Parsed
+from rpil.results.answering import question_sentence
 from rpil.results.html.page import About, View, drawings, html_environment, make_view, render_page
 
 if TYPE_CHECKING:
@@ -55,11 +56,7 @@ class Gate:
     """The port of a server, and the token that who asks must show as a cookie or a header."""
 
     port: int
-    token: str
-
-    @classmethod
-    def new(cls, port: int) -> Gate:
-        return cls(port, token_urlsafe(32))
+    token: str = field(default_factory=token_urlsafe)  # of 32 bytes
 
     @property
     def url(self) -> str:
@@ -222,19 +219,17 @@ def application(review: Review, gate: Gate) -> Application:
     from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Response
     from starlette.routing import Route
 
-    def get(path: str, respond: Callable[..., Response]) -> Route:
+    def get(path: str, respond: Callable[..., object]) -> Route:
         async def endpoint(request: Request) -> Response:
             try:
                 if request.path_params.get("m", 0) >= len(session.audit.ids):
                     raise DataError("There is no such demonstration.")
-                return await run_in_threadpool(respond, **request.path_params)
+                found = await run_in_threadpool(respond, **request.path_params)
+                return found if isinstance(found, Response) else JSONResponse(found)
             except (DataError, MissingExtraError) as error:
                 return JSONResponse({"error": str(error)}, 404)
 
         return Route(path, endpoint)
-
-    def data(path: str, found: Callable[..., object]) -> Route:
-        return get(path, lambda **at: JSONResponse(found(**at)))
 
     def post(path: str, change: PageChange) -> Route:
         async def endpoint(request: Request) -> Response:
@@ -246,11 +241,11 @@ def application(review: Review, gate: Gate) -> Application:
     routes = [
         get("/", lambda: HTMLResponse(review.page())),
         get("/favicon.ico", lambda: Response(status_code=204)),
-        data("/api/version", lambda: {"version": session.version}),
-        data("/api/demonstration/{m:int}", lambda m: {"drawing": drawings(session.audit, [m])[str(m)]}),
-        data("/api/films/{m:int}", videos.of_one),
-        data("/api/curves/{m:int}", review.recorded.curves),
-        data("/api/column/{k:int}", review.recorded.column),
+        get("/api/version", lambda: {"version": session.version}),
+        get("/api/demonstration/{m:int}", lambda m: {"drawing": drawings(session.audit, [m])[str(m)]}),
+        get("/api/films/{m:int}", videos.of_one),
+        get("/api/curves/{m:int}", review.recorded.curves),
+        get("/api/column/{k:int}", review.recorded.column),
         get("/video/{m:int}/{camera:int}", lambda m, camera: FileResponse(videos.file(m, camera))),
         get("/frame/{m:int}/{camera:int}/{step:int}", lambda **at: Response(videos.frame(**at), 200, None, JPEG)),
         post("/api/answer", review.answer),
@@ -278,12 +273,6 @@ def _changed(review: Review, change: PageChange, body: bytes) -> tuple[View, int
             return review.state() | changed, 200
         except DataError as error:
             return {"error": error.in_shell}, 400
-
-
-def load_server() -> None:
-    """A `MissingExtraError` where the packages of the server are not installed."""
-    for name in ("starlette", "uvicorn"):
-        optional(name, "To review on a page", "review")
 
 
 def listen(port: int) -> socket.socket:

@@ -16,25 +16,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rpil.data import id_values
 from rpil.data.demonstrations import Block, Demonstrations
 from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.files import check_inside
-from rpil.data.id_values import (
-    CANNOT_TELL,
-    AnswerRow,
-    parse_answers,
-    read_answer_rows,
-    same_question,
-    with_new,
-    write_answers,
-)
+from rpil.data.id_values import AnswerRow
 from rpil.data.text import MAX_IDS, counted, listed, printable
 from rpil.formats.format import Dataset, Shot
 from rpil.formats.lerobot.video import load_av, picture
 from rpil.formats.registry import find_format
 from rpil.numerics.types import Array, Float
-from rpil.results.answering import where_to_look
-from rpil.results.html.page import View, packed, significant
+from rpil.results.html.page import View, packed
 from rpil.results.judged import bin_means, bin_starts
 from rpil.results.vocabulary import in_numbers
 
@@ -80,8 +72,7 @@ def next_question(start: Audit, audit: Audit, given: Sequence[Reply], most: int 
     if start.question is not None and not any(len(question) == 2 and key not in "gb" for question, key, *_ in given):
         return start.pair
     passed = {question[0] for question, key, *_ in given if len(question) == 1 and key in "us"}
-    suggested = audit.suggest_labels(len(passed) + 1)
-    return tuple(name for name in suggested if name not in passed)[:1]
+    return tuple(name for name in audit.suggest_labels(len(passed) + 1) if name not in passed)[:1]
 
 
 def rows_of(question: Question, key: str, note: str = "", *rows: int) -> list[AnswerRow]:
@@ -90,7 +81,7 @@ def rows_of(question: Question, key: str, note: str = "", *rows: int) -> list[An
     if relation := {"1": "better than", "2": "better than", "5": "same as"}.get(key):
         first, second = ids[::-1] if key == "2" else ids
         return [AnswerRow(first, f"{relation} {second}", note)]
-    word = {"g": "good", "3": "good", "b": "bad", "4": "bad", "u": CANNOT_TELL * bool(note)}.get(key)
+    word = {"g": "good", "3": "good", "b": "bad", "4": "bad", "u": id_values.CANNOT_TELL * bool(note)}.get(key)
     return [AnswerRow(name, word, note, *rows) for name in ids] if word else []
 
 
@@ -111,8 +102,8 @@ class Session:
         self.question = next_question(start, start, (), most)
         self._most, self._written = most, before
         ids = {*map(str, start.ids)}
-        rows = [] if before is None else read_answer_rows(path)
-        self.said = self._before = [row for row in rows if same_question(row.id, row.label) <= ids]
+        rows = [] if before is None else id_values.read_answer_rows(path)
+        self.said = self._before = [row for row in rows if id_values.same_question(row.id, row.label) <= ids]
 
     @property
     def is_as_written(self) -> bool:
@@ -140,8 +131,8 @@ class Session:
             by_question[row.question] = row
         audit, lines, rows = self.audit, list[str](), tuple(by_question.values())
         if rows != self.rows:
-            said = with_new(self._before, rows)
-            labels, pairs = parse_answers(said, "the answers") if rows else ({}, {})
+            said = id_values.with_new(self._before, rows)
+            labels, pairs = id_values.parse_answers(said, "the answers") if rows else ({}, {})
             marks = {(row.id, row.start, row.end): str(row.label) for row in said if row.is_mark} if rows else {}
             is_told = labels or pairs or marks
             audit = self.start.answered(labels | marks, pairs, instead=True) if is_told else self.start
@@ -159,17 +150,11 @@ class Session:
         if not self.is_as_written:
             raise DataError(f"{path}: another program has changed it; end this run, and start again.")
         if rows or self.before is not None:
-            write_answers(path, self.before, rows)
+            id_values.write_answers(path, self.before, rows)
             self._written = path.read_bytes()
         else:
             path.unlink(missing_ok=True)
             self._written = None
-
-
-def question_sentence(audit: Audit, question: Question) -> str:
-    """The question in words, with where to look; never what the audit thinks of the demonstrations."""
-    where = " or ".join(where_to_look(audit, name) for name in question)
-    return f"Which is better: {where}?" if len(question) == 2 else f"Is it good or bad: {where}?"
 
 
 def change_lines(old: Audit, new: Audit) -> Iterator[str]:
@@ -222,7 +207,7 @@ class Recorded:
         with np.errstate(all="ignore"):  # of the largest numbers it may be infinite, which JSON is not
             spread = [float(np.nan_to_num(self._values(some, k).std())) for k in range(len(names))]
         return [
-            {"name": printable(name), "is_action": k < len(actions), "spread": significant(spread[k])}
+            {"name": printable(name), "is_action": k < len(actions), "spread": float(f"{spread[k]:.6g}")}
             | {"classes": [printable(one) for one in data.classes.tolist()] if k < len(actions) else []}
             for k, name in enumerate(names)
         ]

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 
 from rpil.data.arrays import group_rows
 from rpil.data.errors import DataError, MissingExtraError, guarded
-from rpil.data.files import check_inside, copy_folder, new_folder
+from rpil.data.files import check_inside, copy_folder, replacing
 from rpil.data.memory import Parsed
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot.video import NEAR_SECONDS, find_faults, load_av
@@ -197,7 +197,8 @@ def annotate(path: Path, output: Path, columns: Mapping[str, Mapping[str, object
     text; null where there is none. Columns of these names that are there already are replaced."""
     for entry in (path / "videos").rglob("*"):
         check_inside(entry, path)
-    with new_folder(output) as new:
+    with replacing(output) as new:
+        new.mkdir()
         for name in ("data", "meta", "videos"):
             if (path / name).is_dir():
                 copy_folder(path / name, new / name)

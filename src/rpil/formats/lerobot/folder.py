@@ -21,24 +21,14 @@ from rpil.data.memory import Parsed, read_json
 from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, Shot
-from rpil.formats.lerobot.checked_folder import (
-    INFO,
-    PATHS,
-    STATS,
-    ByFeature,
-    CheckedFolder,
-    ColumnStatistics,
-    annotate,
-    find_defects,
-    find_shots,
-    joined_stats,
-)
+from rpil.formats.lerobot import checked_folder
+from rpil.formats.lerobot.checked_folder import ByFeature, CheckedFolder, ColumnStatistics
 from rpil.formats.metadata import cameras, chunk_size, fill
 from rpil.formats.parquet import keep_rows
 from rpil.numerics.types import Array
 
 _EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
-_DATA_PATH, _VIDEO_PATH = PATHS["v3.0"]
+_DATA_PATH, _VIDEO_PATH = checked_folder.PATHS["v3.0"]
 
 
 def claims(path: Path) -> bool:
@@ -53,9 +43,8 @@ def check_output(path: Path, output: Path) -> dict[str, Parsed]:
     if version != "v3.0":
         said = f"keep writes folders of LeRobot 3.0, and this one is of version {str(version)[:20]!r}"
         raise DataError(f"{path}: {said}; convert it by LeRobot first, or write the list with -o ids.json.")
-    with guarded(path / INFO):
-        seen = cameras(info, "video")
-        wrong = [name for name in seen if not re.fullmatch(r"\w[\w.-]*", name)]
+    with guarded(path / checked_folder.INFO):
+        wrong = [name for name in cameras(info, "video") if not re.fullmatch(r"\w[\w.-]*", name)]
         info["chunks_size"], fps = chunk_size(info) or 0, float(info["fps"])
         info["fps"] = int(fps) if fps.is_integer() else fps
         if wrong:
@@ -115,26 +104,17 @@ class Kept:
             rows[m] |= {f"stats/{feature}/{name}": x for feature, one in own.items() for name, x in one.items()}
             found.append(own)
             start += n
-        for camera, shots in videos.items():
-            for m, said in self._copy_videos(camera, [shots[m] for m in self.numbers]).items():
-                rows[m] |= said
+        for camera, shots in videos.items():  # a file with any of these episodes is copied whole
+            places = dict[Path, tuple[int, int]]()
+            for shot in (shots[m] for m in self.numbers):
+                if shot.path not in places:
+                    places[shot.path] = divmod(len(places), self.n_in_chunk)
+                    shutil.copyfile(check_readable(shot.path), self.target(_VIDEO_PATH, places[shot.path], camera))
+                where = zip(("chunk_index", "file_index"), places[shot.path], strict=True)
+                said = {**dict(where), "from_timestamp": shot.start, "to_timestamp": shot.end}
+                rows[shot.episode] |= {f"videos/{camera}/{name}": value for name, value in said.items()}
         pq.write_table(pa.Table.from_pylist([*rows.values()], self.old.schema), self.target(_EPISODES, (0, 0)))
         return found
-
-    def _copy_videos(self, camera: str, shots: Sequence[Shot]) -> dict[int, dict[str, Parsed]]:
-        """Write the videos of a camera; by the old number of each episode, where in them it lies.
-
-        A file with any of these episodes is copied whole: `meta` says where in it each lies.
-        """
-        places, said = dict[Path, tuple[int, int]](), dict[int, dict[str, Parsed]]()
-        for shot in shots:
-            if shot.path not in places:
-                places[shot.path] = divmod(len(places), self.n_in_chunk)
-                shutil.copyfile(check_readable(shot.path), self.target(_VIDEO_PATH, places[shot.path], camera))
-            chunk, file = places[shot.path]
-            where = {"chunk_index": chunk, "file_index": file, "from_timestamp": shot.start, "to_timestamp": shot.end}
-            said[shot.episode] = {f"videos/{camera}/{name}": value for name, value in where.items()}
-        return said
 
 
 def moved(of_episode: ColumnStatistics, first: int) -> dict[str, Parsed]:
@@ -166,17 +146,17 @@ def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> Non
     copy_folder(old.path / "meta", meta, without=("episodes", "info.json"))
     for n, file in enumerate(old.data_files(ids)):
         kept.place = divmod(n, kept.n_in_chunk)
-        by_episode_index = ColumnOptions(id="episode_index")
-        keep_rows(file, kept.target(_DATA_PATH, kept.place), ids, by_episode_index, kept.renumbered)
+        keep_rows(file, kept.target(_DATA_PATH, kept.place), ids, ColumnOptions(id="episode_index"), kept.renumbered)
     with guarded(old.path / "meta" / "episodes"):
         by_episode, n = kept.write_episodes(seen), len(kept.numbers)
         info |= {"total_episodes": n, "total_frames": kept.n_steps, "data_path": _DATA_PATH}
         info |= {"splits": {"train": f"0:{n}"}} | ({"video_path": _VIDEO_PATH} if seen else {})
         (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8")
-    with guarded(old.path / STATS):
-        if (place := output / STATS).is_file():  # the statistics of a feature that none has by episode stay
-            stats, common = read_json(place), set.intersection(*map(set, by_episode))
-            stats |= {name: joined_stats([own[name] for own in by_episode]) for name in stats if name in common}
+    with guarded(old.path / checked_folder.STATS):
+        if (place := output / checked_folder.STATS).is_file():  # statistics of a feature that none has by episode stay
+            stats = read_json(place)
+            for name in stats.keys() & set.intersection(*map(set, by_episode)):
+                stats[name] = checked_folder.joined_stats([own[name] for own in by_episode])
             place.write_text(json.dumps(stats, indent=4), encoding="utf-8")
 
 
@@ -187,7 +167,7 @@ FORMAT = Format(
     keep=keep,
     unkept=lambda _, options: "folder by other ids than its own" if options.id else "",
     check_output=check_output,
-    find_defects=find_defects,
-    annotate=annotate,
-    shots=find_shots,
+    find_defects=checked_folder.find_defects,
+    annotate=checked_folder.annotate,
+    shots=checked_folder.find_shots,
 )

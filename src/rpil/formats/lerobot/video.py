@@ -129,27 +129,22 @@ def find_faults(shots: Sequence[Shot], fps: float, states: Mapping[int, Array] |
             continue
         for shot in own:
             inside = (times >= shot.start - 0.5 / fps) & (times < shot.end - 0.5 / fps)
-            yield from _of_times(shot, np.sort(times[inside]), fps)
+            n, name, shown = int(inside.sum()), str(shot.episode), np.sort(times[inside])
+            if n != shot.n_rows:
+                yield Defect("video frames", name, f"{shot.camera} has {n} frames for {shot.n_rows} rows")
+            elif (off := np.abs(shown - shot.start - np.arange(n) / fps).max()) > NEAR_SECONDS:
+                said = f"LeRobot cannot load it, for {shot.camera} is up to {off:.3g} s off {fps:.3g} frames a second"
+                yield Defect("frame times", name, f"{said}; correct from_timestamp, or write the video again")
             if frames is not None and inside.any():
                 is_black = frames[inside].max(axis=(1, 2)) <= DARK
                 if is_black.any():
                     since = duration(float(np.argmax(is_black)), 1 / fps)
                     said = f"{shot.camera} is black in {is_black.sum()} frames of {len(is_black)}, from {since}"
-                    yield Defect("black frames", str(shot.episode), said)
+                    yield Defect("black frames", name, said)
                 if not is_black.all():
                     still[shot.camera][shot.episode] = _stillness(frames[inside], is_black)
     for camera, of_episode in still.items():
         yield from _unchanged(camera, of_episode, fps, states or {})
-
-
-def _of_times(shot: Shot, times: Array, fps: float) -> Iterator[Defect]:
-    """More or fewer frames than rows, or frames at other times."""
-    n, name = len(times), str(shot.episode)
-    if n != shot.n_rows:
-        yield Defect("video frames", name, f"{shot.camera} has {n} frames for {shot.n_rows} rows")
-    elif (off := np.abs(times - shot.start - np.arange(n) / fps).max()) > NEAR_SECONDS:
-        said = f"LeRobot cannot load it, for {shot.camera} is up to {off:.3g} s off {fps:.3g} frames a second"
-        yield Defect("frame times", name, f"{said}; correct from_timestamp, or write the video again")
 
 
 def _stillness(seen: Array, is_black: Array) -> tuple[int, int]:

@@ -7,7 +7,7 @@ import hashlib
 import json
 import os
 from collections import defaultdict
-from collections.abc import Hashable, Mapping, Sequence, Set
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -87,6 +87,18 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
     """
     order, n_review = looking_order(audit)
     places, counts = {name: m for m, name in enumerate(audit.ids)}, audit.verdict_counts()
+    labels, compared = (
+        audit.answers.labels.tolist(),
+        {"better than": audit.answers.pairs, "same as": audit.answers.tied},
+    )
+    answers = [[m, "good" if sign > 0 else "bad"] for m, sign in enumerate(labels) if sign]
+    answers += ([a, f"{word} {audit.ids[b]}"] for word, pairs in compared.items() for a, b in pairs.tolist())
+    segments = defaultdict[str, list[list[object]]](list)  # of those that are drawn, and others with a reason
+    if (found := about.segments) is not None:
+        columns, shown = (found.demonstration, found.start, found.end, found.kind), {*order[:MAX_DRAWN]}
+        for m, start, end, kind, why in zip(*(one.tolist() for one in columns), found.reason, strict=True):
+            if why or m in shown:
+                segments[str(m)].append([start, end, KINDS[kind], why])
     return {
         "run": audit.run_id,
         "probability": audit.vocabulary.probability,
@@ -95,40 +107,20 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
         "question": audit.question or "",
         "pair": [places[name] for name in audit.pair] if audit.question else [],
         "contradicting": [places[name] for name in audit.contradicting],
-        "answers": _answers(audit),
+        "answers": answers,
         "demonstrations": _columns(audit, about),
         "whole_ids": all(isinstance(name, int) for name in audit.ids),
         "n_review": n_review,
         "faults": _faults(places, about.faults),
-        "segments": _segments(about.segments, {*order[:MAX_DRAWN]}),
+        "segments": segments,
         "rows": [
             [m, first, last, "good" if sign > 0 else "bad"] for m, first, last, sign in audit.answers.marks.tolist()
         ],
         "fps": audit.fps,
         "lerobot": about.lerobot,
-        "provenance": {} if audit.provenance is None else audit.provenance.to_dict(),
+        "provenance": audit.provenance or {},
         "drawings": drawings(audit, order[:drawn]),
     }
-
-
-def _segments(found: Segments | None, shown: Set[int]) -> dict[str, list[list[object]]]:
-    """The segments of those to be `shown`, and others with a reason, by the number of the demonstration as text: the
-    first row, the one after the last, kind and reason of each."""
-    of_each = defaultdict[str, list[list[object]]](list)
-    if found is not None:
-        columns = (found.demonstration, found.start, found.end, found.kind)
-        for m, start, end, kind, why in zip(*(one.tolist() for one in columns), found.reason, strict=True):
-            if m in shown or why:
-                of_each[str(m)].append([start, end, KINDS[kind], why])
-    return of_each
-
-
-def _answers(audit: AuditResult) -> list[list[object]]:
-    """The labels and pairs that were given, as a file of labels has them."""
-    labels = audit.answers.labels
-    given = [[m, "good" if labels[m] > 0 else "bad"] for m in np.flatnonzero(labels).tolist()]
-    compared = {"better than": audit.answers.pairs, "same as": audit.answers.tied}
-    return given + [[a, f"{word} {audit.ids[b]}"] for word, pairs in compared.items() for a, b in pairs.tolist()]
 
 
 def _columns(audit: AuditResult, about: About) -> View:
@@ -195,12 +187,7 @@ def packed(curves: dict[str, Array], limits: tuple[float, float] | None = None) 
     scaled = LEVELS * (values - low) / (high - low or 1.0)
     codes = np.where(np.isfinite(values), np.clip(np.nan_to_num(scaled), 0, LEVELS).round(), NO_VALUE)
     texts = [base64.b64encode(one.tobytes()).decode() for one in codes.astype(np.uint8)]
-    return {"from": significant(low), "to": significant(high), **dict(zip(curves, texts, strict=True))}
-
-
-def significant(value: float) -> float:
-    """A number with six significant digits."""
-    return float(f"{value:.6g}")
+    return {"from": float(f"{low:.6g}"), "to": float(f"{high:.6g}"), **dict(zip(curves, texts, strict=True))}
 
 
 Sections = Sequence[tuple[str, str | Markup]]
