@@ -10,11 +10,10 @@ import rpil
 from recordings import demonstrations, recording
 from rpil.data.errors import DataError
 from rpil.faults.checking import check
-from rpil.faults.recorded import BY_LOOKING, find_frame_times
+from rpil.faults.recorded import BY_LOOKING, find_frame_times, recorded_time
 from rpil.formats.metadata import Times
 
-CLEAN = recording()
-DATA, FIVE = demonstrations(CLEAN), demonstrations(recording(5))
+DATA, FIVE = demonstrations(recording()), demonstrations(recording(5))
 LENGTHS = DATA.lengths.tolist()
 
 
@@ -57,7 +56,7 @@ def test_frames_are_dropped_in_the_demonstration_that_lacks_them(step, monkeypat
     assert (fault.last, fault.sentence.partition(":")[0]) == (step, "about 5 frames missing")
 
 
-def test_a_clock_that_goes_slower_than_the_others_is_another_frame_rate():
+def test_a_clock_that_goes_slower_than_the_others_is_another_frame_rate(monkeypatch):
     own = np.repeat(np.arange(5) == 2, FIVE.lengths)
     for rate, found in ((1.02, [2]), (0.98, [2]), (1.005, [])):
         report = check(FIVE, times=Times(np.where(own, rate, 1.0) * clock(), 50.0))
@@ -68,6 +67,10 @@ def test_a_clock_that_goes_slower_than_the_others_is_another_frame_rate():
             assert report.findings[0].severity > 1
     own |= np.repeat(np.arange(5) == 3, FIVE.lengths)  # two of five: it is not known which is usual
     assert not check(FIVE, times=Times(np.where(own, 1.02, 1.0) * clock(), 50.0)).findings
+    monkeypatch.setattr("rpil.faults.recorded.BLOCK_STEPS", 4)  # four of them have one step, which says nothing
+    short = demonstrations([(x[:n], u[:n]) for n, (x, u) in zip([1] * 4 + [150] * 3, recording(7), strict=True)])
+    assert recorded_time(times := Times(clock(data=short)), short) == pytest.approx(0.02)
+    assert list(find_frame_times(times, short, 0.02)) == []
 
 
 def test_a_clock_of_whole_seconds_tells_gaps_of_seconds_alone():
@@ -95,10 +98,7 @@ def test_other_numbers_of_frames_than_the_recording_says_are_found():
         (clock(data=DATA, rate=18.5), ["declared are 20 frames a second; the timestamps say 18.5"]),
         (clock(data=DATA, rate=20), []),
         (np.floor(clock(data=DATA, rate=20)), []),  # a clock of whole seconds
-        (
-            clock([(m, step, 10) for m in range(12) for step in (21, 31)], DATA, 20),
-            [],
-        ),  # half a second is missing, twice
+        (clock([(m, step, 10) for m in range(12) for step in (21, 31)], DATA, 20), []),  # gaps of half a second
         (None, []),
     ],
 )

@@ -147,10 +147,8 @@ def test_stacked_demonstrations_without_lengths_have_as_many_steps_each(written)
         (STEPS | {"next_observations": np.ones((N, 2))}, "after 14 of 15 steps.* the order of the steps was lost"),
         (STEPS | {"next_obs": STATES[1:]}, r"next_obs has the shape \(14, 2\) and observations \(15, 2\)"),
         (ROWS | {"lengths": np.array([T, T + 1, 1])}, f"lengths must be 1 to {T} for each of {M} demonstrations"),
-        (
-            ROWS | {"dones": np.eye(M, T) + np.eye(M, T, 2)},
-            "dones end more than one demonstration in the first index 0",
-        ),
+        (ROWS | {"dones": np.eye(M, T) + np.eye(M, T, 2)}, "dones end more than one demonstration in .* first index 0"),
+        ({"actions_0": STATES, "states_0": STATES}, "nothing says .*; add .*, or write a group with actions and obs"),
     ],
 )
 def test_arrays_that_do_not_fit_together_are_refused(written, arrays, message):

@@ -63,7 +63,7 @@ def test_a_log_is_split_by_its_times_and_its_action_is_found(tmp_path, monkeypat
     lines = [f"{second}, {k % 3 / 10}, .{k + 1}, {k}.5" for k, second in enumerate(seconds)]
     words = [written_lines("driving_log.csv", lines)]
     refused("put the names of its 4 columns above it, or give a frame in Python", "info", *words)
-    written_lines("driving_log.csv", ["time_s,steering,accel_cmd,speed", *lines])
+    written_lines("driving_log.csv", ["time_s,steering,accel_cmd,nav_command", *lines])
     refused("or end demonstrations at pauses with --split-gap", "info", *words)
     done = ok("info", *words, "--split-gap", "1")
     assert "3 demonstrations, 8 steps, 0.5 s at 10 a second" in done.stdout

@@ -43,7 +43,6 @@ def below(score, *arguments, **given):
     return np.flatnonzero(lower_part(scores, scoring.settings.outliers)).tolist()
 
 
-# Who is below.
 FAR = [0.8, 0.9, 1.0, 1.1, 1.2, 0.9, 1.1, -5.0, -5.0]
 
 
@@ -128,6 +127,9 @@ def test_where_the_state_says_nothing_discrete_outliers_are_found_all_the_same()
         scoring, scores = scored(score, discrete=discrete)
         found = claim(scoring, replace(scores, state_predicts_action=False))
         assert (found.finding, np.flatnonzero(found.lower).tolist()) == expected
+    scoring, scores = scored([*FAR[:7], -0.29, -0.29], 0.51, discrete=True)
+    unsure = replace(scores, error=np.ones(9), state_predicts_action=False)  # nobody is below by errors of 1
+    assert claim(scoring, unsure).finding == "nothing could be learned"
     assert said(UPPER) == said(UPPER, discrete=True) == ("no outliers", [])
 
 
@@ -150,7 +152,6 @@ def test_copies_are_what_the_first_of_them_is():
     assert (alone.finding, alone.lower.tolist()) == ("nothing could be learned", [False, False])
 
 
-# A sample stands for all.
 SAMPLE = np.array([False, True])
 
 
@@ -190,7 +191,6 @@ def test_batch_errors_count_steps_that_depend_on_their_neighbours():
     assert batch_errors(noise[0, :15], np.array([0, 15])).tolist() == [0.0]
 
 
-# Gains.
 def test_the_gain_of_a_group_is_the_median_of_its_members_against_the_actions_of_the_group_alone():
     data, settings, group = make("random", 0).problem(), HeldOutSettings(), np.arange(12) < 3
     model = SimpleNamespace(ridges=(), evaluate=lambda *_: log_prob)

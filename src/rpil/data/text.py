@@ -132,7 +132,7 @@ ACTION_COLUMNS = [
 ]
 STEERING = re.compile(
     r"(?:user_)?(?:steer(?:ing)?|throttle|rudder|aileron|joystick|stick)s?(?:_.*|\d+)?|user_angle"
-    r"|(?!last|prev|next)\w+_(?:cmd|command)"
+    r"|(?!last|prev|next)\w+_cmd"  # a command is often a turn that a map asks for, as nav_command
 )
 PEDAL = re.compile(r"(?:user_)?(?:gas|brak(?:e|ing)|pedal)s?(?:_.*|\d+)?")
 """Names of columns of what drivers and pilots steer with; with a pedal alone the wheel may have another name."""

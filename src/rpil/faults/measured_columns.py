@@ -246,8 +246,7 @@ def _signs(block: Block, first: int, towards: Array) -> Float[Array, " T"]:
     before[block.offsets[:-1]] = towards
     same = np.where((turned * before).sum(axis=1) < 0, -1.0, 1.0)
     sign = np.cumprod(same)
-    lengths = np.diff(block.offsets)
-    return sign * np.repeat(sign[block.offsets[:-1]] * same[block.offsets[:-1]], lengths)
+    return sign * np.repeat(sign[block.offsets[:-1]] * same[block.offsets[:-1]], np.diff(block.offsets))
 
 
 def _quaternions(values: Array) -> dict[int, Array]:

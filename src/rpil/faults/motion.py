@@ -147,8 +147,7 @@ class RepeatedFrames(ComparingRule):
         runs, bounds = np.diff(starts, append=len(changed)), np.searchsorted(starts, offsets[:-1])
         is_first = np.zeros(len(starts), dtype=bool)
         is_first[bounds] = True
-        after = np.append(starts[1:], 0)
-        inside = ~is_first & ~np.append(is_first[1:], True) & moves[starts] & moves[after]
+        inside = ~is_first & ~np.append(is_first[1:], True) & moves[starts] & moves[np.append(starts[1:], 0)]
         repeated = np.where(inside, runs - 1, 0)
         top = np.repeat(np.maximum.reduceat(repeated, bounds), np.diff(bounds, append=len(repeated)))
         places, number = np.flatnonzero(repeated == top), np.add.reduceat(repeated, bounds)

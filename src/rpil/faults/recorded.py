@@ -36,8 +36,7 @@ class MissingValues(Rule):
                 first, last, column = int(steps[0]), int(steps[-1]), int(columns[0])
                 sentence = f"{labels[column]} is {values[begin + first, column]} at {moment(first, seconds)}"
                 if len(steps) > 1:
-                    more = counted(len(steps) - 1, "more missing value")
-                    sentence += f"; {more} up to {moment(last, seconds)}"
+                    sentence += f"; {counted(len(steps) - 1, 'more missing value')} up to {moment(last, seconds)}"
                 name, n = ids[block.first + m], float(len(steps))
                 yield Fault(cls.name, name, first, last, labels[column], n, 0.0, np.inf, sentence)
 
@@ -73,11 +72,14 @@ def recorded_time(times: Times, demonstrations: DemonstrationSet) -> float | Non
 
 
 def _steps(times: Times, demonstrations: DemonstrationSet) -> tuple[Array, float]:
-    """Times between rows in each demonstration, or of very many rows in some, spread evenly; and the unit in which a
-    clock counts that is coarser than the frames, as one of whole seconds, or 0."""
-    some, seconds = -(-demonstrations.n_steps // (16 * BLOCK_STEPS)), times.timestamps
-    bounds = zip(demonstrations.offsets[:-1:some].tolist(), demonstrations.offsets[1::some].tolist(), strict=True)
-    steps = np.concatenate([np.zeros(0), *(np.diff(seconds[a:b]) for a, b in bounds if seconds is not None)])
+    """Times between rows in each demonstration, or of very many rows in stretches, spread evenly; and the unit in which
+    a clock counts that is coarser than the frames, as one of whole seconds, or 0."""
+    inner, found, n = demonstrations.offsets[1:-1], [np.zeros(0)], demonstrations.n_steps
+    for a in range(0, n, BLOCK_STEPS * -(-n // (16 * BLOCK_STEPS))):
+        if times.timestamps is not None:
+            between = inner[(inner > a) & (inner <= a + BLOCK_STEPS)] - a - 1
+            found.append(np.delete(np.diff(times.timestamps[a : a + BLOCK_STEPS + 1]), between))
+    steps = np.concatenate(found)
     later = steps[steps > 0]
     return steps, float(later.min()) if len(later) and np.median(steps) == 0 else 0.0
 
@@ -97,7 +99,8 @@ def find_frame_times(times: Times, demonstrations: DemonstrationSet, usual: floa
         frames = np.where(np.abs(frames - 1.0) <= limit, frames, 1.0)
         frames[begins] = 0.0
         sums.append(np.add.reduceat(frames, begins))
-    mean = np.concatenate(sums) / np.maximum(demonstrations.lengths - 1, 1)
+    # A demonstration of one step tells no rate, and has the usual one.
+    mean = (np.concatenate(sums) + (demonstrations.lengths == 1)) / np.maximum(demonstrations.lengths - 1, 1)
     yield from (*_find_rates(mean, limit, demonstrations, usual), *late, *early)
 
 

@@ -137,8 +137,7 @@ def whitened(values: Float[Array, "... T"], memory: Float[Array, " P"], offsets:
 def _memory(values: Float[Array, " T"], offsets: Int[Array, " _"], order: int) -> Float[Array, " P"]:
     """The weights of the last values with which they predict the next one best."""
     own = centred(values, offsets)
-    first = np.repeat(offsets[:-1], np.diff(offsets))
-    rows = np.flatnonzero(np.arange(len(own)) - first >= order)
+    rows = np.flatnonzero(np.arange(len(own)) - np.repeat(offsets[:-1], np.diff(offsets)) >= order)
     past = np.stack([own[rows - back] for back in range(1, order + 1)], axis=1)
     return np.asarray(np.linalg.lstsq(past, own[rows], rcond=1e-9)[0])
 

@@ -153,7 +153,8 @@ class Arrays:
             raise DataError(f"{self.source}: {fault}; give one id for each.")
         there = commas([f"{name} {array.shape}" for name, array in self.arrays.items()]) or "no arrays"
         remedy = "add terminals and timeouts, or one called episode_index, or write a group with actions and obs each"
-        remedy = remedy if self.names["observations"] else "name the array of observations with --observations"
+        if self.names["actions"] and not self.names["observations"]:
+            remedy = "name the array of observations with --observations"
         raise DataError(f"{self.source}: nothing says where demonstrations begin (it holds {there}); {remedy}.")
 
     def _stacked_steps(self) -> tuple[str, Array]:

@@ -113,8 +113,7 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
     names = [name or (f"Unnamed: {k}" if k else "") for k, name in enumerate(names)]
     cells = (cell.strip('"') for line in lines[start + 1 :] if separator != "," for cell in line.split(separator))
     signs = {found[1] for cell in cells if (found := _WRITTEN_NUMBER.fullmatch(cell))}
-    decimal = "," if "," in signs and "." not in signs else "."
-    return TextTable(path, tuple(names), start + 1, separator, decimal)
+    return TextTable(path, tuple(names), start + 1, separator, "," if "," in signs and "." not in signs else ".")
 
 
 def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, default_id: str | None = None) -> StepTables:

@@ -68,9 +68,10 @@ def claim(scoring: Scoring, scores: Scores) -> Claims:
         if gain_upper <= 0:
             return Claims("nothing could be learned", nobody)
         if own <= settings.max_own_gain * gain_upper:
-            sure = lower_part(scores, settings, sure=True)
-            return Claims("outliers" if sure.any() else "no outliers", sure)
-        if lower.sum() <= settings.max_share * len(lower):
+            lower = lower_part(scores, settings, sure=True)
+            if lower.any():
+                return Claims("outliers", lower)
+        elif lower.sum() <= settings.max_share * len(lower):
             return Claims("a group apart", lower)
     if lower.any() and is_apart(scores, settings):
         return Claims("two groups", ~scores.groups.upper(scores.score, scores.variance))
@@ -98,9 +99,8 @@ def widened(claims: Claims, scores: Scores, settings: OutlierSettings) -> Claims
     if claims.finding == "two groups":
         return replace(claims, lower=~scores.groups.upper(scores.score, scores.variance))
     lower = lower_part(scores, settings, sure=claims.finding == "outliers") & claims.lower.any()
-    if claims.lower.any() and not lower.any():
-        return Claims("no outliers", lower)
-    return replace(claims, lower=lower)
+    is_lost = claims.lower.any() and not lower.any()
+    return Claims("no outliers", lower) if is_lost else replace(claims, lower=lower)
 
 
 def own_gain(
