@@ -16,7 +16,7 @@ from rpil.data.copies import Copies
 from rpil.data.demonstrations import Demonstrations
 from rpil.inference.held_out import log_reference
 from rpil.inference.outliers import Claims, claim, lower_part, own_gain, telling_pair, widened
-from rpil.inference.scores import batch_errors
+from rpil.inference.scores import dependence
 from rpil.inference.settings import HeldOutSettings, JudgeSettings, OutlierSettings
 
 UPPER = [1.3, 1.2, 1.0, 1.0, 0.8, 0.75]
@@ -128,7 +128,7 @@ def test_where_the_state_says_nothing_discrete_outliers_are_found_all_the_same()
         found = claim(scoring, replace(scores, state_predicts_action=False))
         assert (found.finding, np.flatnonzero(found.lower).tolist()) == expected
     scoring, scores = scored([*FAR[:7], -0.29, -0.29], 0.51, discrete=True)
-    unsure = replace(scores, error=np.ones(9), state_predicts_action=False)  # nobody is below by errors of 1
+    unsure = replace(scores, dependence=np.ones(9), state_predicts_action=False)  # by which nobody is below
     assert claim(scoring, unsure).finding == "nothing could be learned"
     assert said(UPPER) == said(UPPER, discrete=True) == ("no outliers", [])
 
@@ -182,13 +182,13 @@ def test_good_ones_in_states_that_the_policy_fits_badly_are_no_outliers():
     assert len(outliers) <= 8  # 10 without the errors of scores
 
 
-def test_batch_errors_count_steps_that_depend_on_their_neighbours():
-    noise = np.random.default_rng(0).normal(size=(200, 40))
-    offsets = np.arange(201) * 40
-    alone, together = (batch_errors(each.ravel(), offsets) for each in (noise, np.repeat(noise[:, ::5], 5, axis=1)))
-    assert np.sqrt(np.mean(alone**2)) == pytest.approx(1 / np.sqrt(40), rel=0.05)
-    assert np.sqrt(np.mean(together**2)) == pytest.approx(1 / np.sqrt(8), rel=0.05)
-    assert batch_errors(noise[0, :15], np.array([0, 15])).tolist() == [0.0]
+def test_steps_that_depend_on_their_neighbours_make_a_mean_less_sure():
+    noise, found = np.random.default_rng(0).normal(size=(200, 40)), []
+    for steps in (noise, np.repeat(noise[:, ::5], 5, axis=1), noise[:, :15]):
+        data = replace(same_actions(1), actions=steps.reshape(-1, 1), offsets=np.arange(201) * steps.shape[1])
+        found.append(dependence(data, steps.ravel(), steps.shape[1] * steps.var(axis=1)).mean())
+    assert 0 < found[0] < 0.006
+    assert found[1:] == [pytest.approx(1 / 8 - 1 / 40, rel=0.1), 0.0]
 
 
 def test_the_gain_of_a_group_is_the_median_of_its_members_against_the_actions_of_the_group_alone():

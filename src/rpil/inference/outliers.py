@@ -7,10 +7,10 @@ The lower part of M demonstrations, by their scores y_m and the groups of these 
 
 Of up to half of all, they are outliers where their own policy explains them less well than `max_own_gain` times as the
 policy of the others explains these, each held out, in nats a step above their own actions whatever the state: noise has
-no policy. Those far below must be so by sqrt(d^2 + e_m^2 - v_m), too: d is the deviation, and the error e_m is larger
-than the variance v_m says where the policy fits some states badly. Else they act alike, and nobody can say without an
-answer whether they are worse: up to `max_share` of all they are a group apart, and more are one of two groups. Nothing
-here says who is good.
+no policy. Those far below must be so by sqrt(d^2 + u_m), too: d is the deviation, and u_m the variance of y_m because
+steps depend on their neighbours, which is large where the policy fits some states badly. Else they act alike, and
+nobody can say without an answer whether they are worse: up to `max_share` of all they are a group apart, and more are
+one of two groups. Nothing here says who is good.
 """
 
 from __future__ import annotations
@@ -81,9 +81,9 @@ def claim(scoring: Scoring, scores: Scores) -> Claims:
 def lower_part(scores: Scores, settings: OutlierSettings, sure: bool = False) -> Bool[Array, " M"]:
     """Mask of those far below the middle, or of a lower group apart; nobody where these are too few, or all. To be
     `sure`, the deviation grows as far as steps depend on their neighbours."""
-    away, dependence = scores.score - np.median(scores.score), scores.error**2 - scores.variance
+    away = scores.score - np.median(scores.score)
     deviation = 1.4826 * float(np.median(np.abs(away)))  # of a normal distribution
-    spread = np.sqrt(deviation**2 + sure * np.maximum(dependence, 0.0))
+    spread = np.sqrt(deviation**2 + sure * scores.dependence)
     far = (away < -settings.min_gap * spread) & (scores.groups.log_bayes_factor > 0)
     lower = far | ((scores.log_odds <= -logit(settings.min_proba)) & is_apart(scores, settings))
     return np.asarray(lower & (settings.min_group <= lower.sum() < len(lower)))
@@ -106,8 +106,7 @@ def widened(claims: Claims, scores: Scores, settings: OutlierSettings) -> Claims
 def own_gain(
     group: Bool[Array, " M"], data: FitData, model: HeldOutModel, ridge: float, settings: HeldOutSettings
 ) -> float:
-    """The median gain, in nats a step, of the members of a `group` by a policy that is fitted to it, held out, against
-    their own reference."""
+    """The median gain, in nats a step, of a `group` by its own policy, held out, against its own reference."""
     log_prob = model.evaluate(data.per_step(group.astype(float)), ridge)
     return float(np.median(data.mean_steps(log_prob - log_reference(data, group, settings))[group]))
 

@@ -22,8 +22,7 @@ from rpil.inference.settings import JudgeSettings
 from rpil.inference.trimming import TrimmedFit, choose_ridge
 from rpil.numerics.types import Array, Float, Int
 
-N_BATCHES = 8
-"""Stretches of a demonstration whose means are compared; 6 and 10 name as many good ones for each bad one."""
+N_BATCHES = 8  # with 6 and 10 as many good ones are outliers for each bad one
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +32,8 @@ class Scores:
     score: Float[Array, " M"]
     variance: Float[Array, " M"]
     """y_m, in nats a step, and its variance v_m."""
-    error: Float[Array, " M"]
-    """Standard error of y_m by `batch_errors`."""
+    dependence: Float[Array, " M"]
+    """Variance of y_m because steps depend on their neighbours, see `dependence`."""
     groups: Groups
     step_variance: float
     """Variance of the log-ratio of a step within a demonstration, pooled over demonstrations."""
@@ -99,22 +98,24 @@ class Scoring:
         score = score - self.monotony
         step_variance = float(squares.sum()) / max(len(log_ratio) - data.n_demonstrations, 1)
         variance = mean_variance(squares, data.lengths, step_variance, settings.variance_steps)
-        error = batch_errors(log_ratio, data.offsets)
+        by_neighbours = dependence(data, log_ratio, squares)
         groups = fit_groups(score, variance, data.lengths, settings.groups)
         gain = float(np.median(data.mean_steps(fit.log_prob - self.log_q_best)[fit.group]))
         entropy = 1.0 if data.space.has_density else -float(self.log_q.mean())  # the most that can be gained
         predicts = gain > settings.min_gain * min(entropy, 1.0)
-        return Scores(score, variance, error, groups, step_variance, predicts, fit, self.typical_own)
+        return Scores(score, variance, by_neighbours, groups, step_variance, predicts, fit, self.typical_own)
 
 
-def batch_errors(log_ratio: Float[Array, " N"], offsets: Int[Array, " M1"]) -> Float[Array, " M"]:
-    """Standard error of the mean over the steps of each demonstration, by the means of `N_BATCHES` stretches of it:
-    steps depend on their neighbours (batch means; Law and Carson 1979). 0 with fewer than two steps a stretch."""
-    lengths = np.diff(offsets)
+def dependence(data: FitData, log_ratio: Float[Array, " N"], squares: Float[Array, " M"]) -> Float[Array, " M"]:
+    """Variance of the mean over the steps of each demonstration because steps depend on their neighbours: that by the
+    means of `N_BATCHES` stretches (batch means; Law and Carson 1979), less that of independent steps with this sum of
+    `squares` around their mean. 0 with fewer than two steps a stretch."""
+    offsets, lengths = data.offsets, data.lengths
     starts = offsets[:-1, None] + lengths[:, None] * np.arange(N_BATCHES) // N_BATCHES
     sizes = np.diff(starts, append=offsets[1:, None], axis=1)
     means = np.add.reduceat(log_ratio, starts.ravel()).reshape(starts.shape) / np.maximum(sizes, 1)
-    return np.where(lengths < 2 * N_BATCHES, 0.0, means.std(axis=1, ddof=1) / np.sqrt(N_BATCHES))
+    excess = means.var(axis=1, ddof=1) / N_BATCHES - squares / np.maximum(lengths * (lengths - 1), 1)
+    return np.where(lengths < 2 * N_BATCHES, 0.0, np.maximum(excess, 0.0))
 
 
 def mean_variance(

@@ -107,7 +107,7 @@ def repeated(judged: Judgement, copies: Copies, offsets: Int[Array, " M1"]) -> J
     place, scores = copies.place, judged.scores
     return replace(
         judged,
-        scores=replace(scores, score=scores.score[place], variance=scores.variance[place], error=scores.error[place]),
+        scores=replace(scores, **{each: getattr(scores, each)[place] for each in ("score", "variance", "dependence")}),
         columns=judged.columns[place],
         claims=judged.claims.repeated(copies),
         copy_of=copies.copy_of,

@@ -21,7 +21,7 @@ from rpil.inference.channels import channels, columns_of, components, own_log_pr
 from rpil.inference.fitted_judge import FittedJudge, Ratio, fit_ratio
 from rpil.inference.groups import fit_groups
 from rpil.inference.outliers import widened
-from rpil.inference.scores import batch_errors, mean_variance
+from rpil.inference.scores import dependence, mean_variance
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import Sums
@@ -55,8 +55,8 @@ class BlockScores(NamedTuple):
 
     score: Array
     squares: Array
-    error: Array
-    """Sum over the steps of the squared difference from the mean, and standard error of the score."""
+    dependence: Array
+    """Sum over the steps of the squared difference from the mean, and see `rpil.inference.scores.dependence`."""
     reliability: Array
     channels: Array
     side: Array
@@ -79,8 +79,8 @@ def score_block(
     by_part = [part.step_ratios(data.features, data.actions, settings.held_out)[0] for part in parts]
     side = data.mean_steps(by_part[0] - by_part[1]) if by_part else np.zeros(data.n_demonstrations)
     summed = summaries(data, actions).astype(np.float32)
-    error = batch_errors(scored, data.offsets)
-    return BlockScores(score, squares, error, data.mean_steps(log_ratio > 0), described, side, summed, log_ratio)
+    dependent = dependence(data, scored, squares)
+    return BlockScores(score, squares, dependent, data.mean_steps(log_ratio > 0), described, side, summed, log_ratio)
 
 
 def policies_of_parts(data: FitData, judged: Judgement, settings: JudgeSettings) -> tuple[Ratio, ...]:
@@ -117,11 +117,11 @@ def judge_everyone(
             yield log_ratio
 
     log_ratio = gathered(steps(), int(data.offsets[-1]))
-    score, squares, error, reliability, described, side, summed = map(np.concatenate, zip(*rows, strict=True))
+    score, squares, dependent, reliability, described, side, summed = map(np.concatenate, zip(*rows, strict=True))
     score[sample.indices] = judged.scores.score  # held out, as the scores of all others are
     variance = mean_variance(squares, lengths, judge.step_variance, settings.variance_steps)
     groups = fit_groups(score, variance, lengths, settings.groups)
-    scores = replace(judged.scores, score=score, variance=variance, error=error, groups=groups)
+    scores = replace(judged.scores, score=score, variance=variance, dependence=dependent, groups=groups)
     claims = widened(judged.claims, scores, settings.outliers)
     described[:, 0] = scores.log_odds
     columns = columns_of(described, components(summed, settings.channels), scores.log_odds, settings.answers)
