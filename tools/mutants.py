@@ -56,7 +56,7 @@ ROOMS = sorted(path.parent.name for path in LIBRARY.glob("*/__init__.py"))
 SURVIVORS = Path(__file__).with_name("survivors.toml")
 """Of each module, survivors that are no holes, ``"LINE OF CODE: OLD -> NEW" = "why"``."""
 
-GOAL = 0.88
+GOAL = 0.9
 UNCALLED = ("benchmarks", "docs", "test_architecture.py", "test_budget.py", "test_mutants.py", "test_other_systems.py")
 UNCALLED += ("test_packaging.py", "test_release.py", "test_surface.py", "test_words.py", "test_action.py")
 """Tests of something else than what the library does."""
