@@ -18,6 +18,7 @@ from functools import partial
 from multiprocessing import Pool
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -27,14 +28,16 @@ from claims import Job, Row, auroc
 from options import asked, output, write_json
 from provenance import line, provenance
 from rpil import Settings
+from rpil.inference import scores
 from rpil.inference.settings import AnswerSettings, JudgeSettings
 from worlds import kinds
 from worlds.simulated import of_paper
 
 DEFAULT = "the default"
 DRAWS, LABELS = 5, 8
-FAMILIES = ("recorded", "half", "point mass", "paper", "plain", *kinds.KINDS)
+FAMILIES = ("recorded", "half", "walks", "point mass", "paper", "plain", *kinds.KINDS)
 NEVER = 1e9
+INDEPENDENT = "steps as independent"
 
 RULES: dict[str, tuple[str, dict[str, Any]]] = {
     DEFAULT: ("", {}),
@@ -53,6 +56,7 @@ RULES: dict[str, tuple[str, dict[str, Any]]] = {
     "five folds of few demonstrations too": ("held_out", {"max_left_out": 0}),
     "error bars as they are (noise_shares 1)": ("groups", {"noise_shares": (1.0,)}),
     "no prior on the spread of a group": ("groups", {"prior_spread": 1e-6}),
+    INDEPENDENT: ("", {}),
     "no monotony": ("", {"monotony": 0.0}),
     "own variance of each demonstration (variance_steps 0)": ("", {"variance_steps": 0.0}),
 }
@@ -104,13 +108,16 @@ def audited(name: str, job: Job) -> Row:
     stage, values = RULES[name]
     judge = JudgeSettings()
     judge = replace(judge, **({stage: replace(getattr(judge, stage), **values)} if stage else values))
-    return claims.audited(job, Settings(judge=judge))
+    counted = (lambda data, *_: np.zeros(data.n_demonstrations)) if name == INDEPENDENT else scores.dependence
+    with patch.object(scores, "dependence", counted):
+        return claims.audited(job, Settings(judge=judge))
 
 
 def jobs_of(folder: Path) -> list[Job]:
-    """Recorded sets, halves of them in which nobody is bad, one draw of each world of a point mass and of each cell of
-    the paper, plain worlds, and the kinds of `worlds/kinds.py`."""
-    every = (job for job in claims.jobs(folder, 1, 2) if job.kind in FAMILIES)
+    """Recorded sets, halves of them in which nobody is bad, walks, one draw of each world of a point mass and of each
+    cell of the paper, plain worlds, and the kinds of `worlds/kinds.py`."""
+    every = [job for job in claims.jobs(folder, 1, 2) if job.kind in FAMILIES]
+    every += [job for job in claims.jobs(None, 20, 0) if job.kind == "walks"][1:]
     return [job for job in every if job.kind != "point mass" or job.name.endswith("12 of 40, 1")]
 
 
