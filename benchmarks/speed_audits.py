@@ -119,17 +119,22 @@ def audit_of_folder(letters: str, size: dict[str, int], repeats: int) -> Measure
     return Measured(values, {"seconds": seconds, "where": where})
 
 
+ALONE = """import resource, subprocess, sys
+run = subprocess.run(sys.argv[1:], capture_output=True)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss / 2**20)
+sys.exit(run.stderr.decode() if run.returncode not in (0, 1) else 0)"""
+"""A small process that runs a command: the peak of a process includes the memory of its parent when it begins."""
+
+
 def command_seconds(name: str, path: Path) -> tuple[float, float]:
-    """CPU seconds and GiB of a command on `path`, in a process of its own."""
-    words = [sys.executable, "-c", "from rpil.cli.entry import main; main()", name, str(path)]
-    with tempfile.TemporaryFile() as output:
-        run = subprocess.Popen(words, stdout=output, stderr=output, cwd=path.parent, env=environment())
-        _, status, usage = os.wait4(run.pid, 0)
-        run.returncode = os.waitstatus_to_exitcode(status)
-        if run.returncode not in (0, 1):  # 1: there are faults
-            output.seek(0)
-            raise RuntimeError(output.read().decode())
-    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 2**20
+    """CPU seconds and GiB of a command on `path`, in a process of its own; there may be faults."""
+    words = [sys.executable, "-c", ALONE, sys.executable, "-c", "from rpil.cli.entry import main; main()"]
+    run = subprocess.run([*words, name, path], capture_output=True, cwd=path.parent, env=environment(), check=False)
+    if run.returncode:
+        raise RuntimeError(run.stderr.decode())
+    seconds, gib = run.stdout.split()
+    return float(seconds), float(gib)
 
 
 def environment() -> dict[str, str]:
