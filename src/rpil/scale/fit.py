@@ -56,7 +56,7 @@ class BlockScores(NamedTuple):
     score: Array
     squares: Array
     dependence: Array
-    """Sum over the steps of the squared difference from the mean, and see `rpil.inference.scores.dependence`."""
+    """Sum over the steps of the squared difference from the mean, and variance because steps depend on each other."""
     reliability: Array
     channels: Array
     side: Array
