@@ -20,7 +20,7 @@ ROOT = TOOL["ROOT"]
 
 BUDGETS = {
     "cli": (2233, 22),
-    "data": (2502, 28),
+    "data": (2455, 28),
     "estimators": (1906, 18),
     "faults": (2983, 122),
     "formats": (5359, 57),
@@ -31,7 +31,7 @@ BUDGETS = {
     "results": (2499, 44),
     "scale": (593, 20),
     "segments": (499, 19),
-    "simulation": (408, 0),
+    "simulation": (426, 0),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 

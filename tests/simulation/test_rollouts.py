@@ -12,7 +12,8 @@ from scipy import stats
 
 from problems import refused
 from rpil.data.errors import MissingExtraError
-from rpil.simulation.rollouts import Returns, record, rollout
+from rpil.data.spaces import Box, Discrete
+from rpil.simulation.rollouts import Returns, ask, record, rollout
 from rpil.simulation.simulate import expert
 
 
@@ -115,6 +116,39 @@ def test_errors_are_one_sentence_with_the_place(policy, env_id, words):
         rollout(policy, env_id, n_episodes=2, seed=0)
     with refused("n_episodes is 0"):
         rollout(policy, env_id, n_episodes=0, seed=0)
+
+
+CLASSES, TWO_NUMBERS = Discrete(3, start=5), Box(np.float32([-1, 0]), np.float32([1, 10]))
+
+
+def answered(answer, space, n):
+    return ask(SimpleNamespace(predict=lambda rows: np.asarray(answer)), np.zeros((n, 1)), "Env-v0", space)
+
+
+@pytest.mark.parametrize("answer", [[5, 7], [5.0, 7.0], np.array([5, 7], dtype=np.uint8)])
+def test_whole_numbers_among_the_actions_are_taken(answer):
+    actions = answered(answer, CLASSES, 2)
+    assert actions.dtype == np.int64
+    np.testing.assert_array_equal(actions, [5, 7])
+
+
+def test_numbers_in_a_box_are_clipped_and_take_the_precision_of_its_bounds():
+    actions = answered([[-3.0, 4.0], [0.25, 1e300]], TWO_NUMBERS, 2)
+    assert actions.dtype == np.float32
+    np.testing.assert_array_equal(actions, [[-1, 4], [0.25, 10]])
+    np.testing.assert_array_equal(answered([[3, 4]], TWO_NUMBERS, 1), [[1, 4]])
+
+
+NO_CLASSES = [[0, 5], [5, 8], [5.5, 6], [np.nan, 5], [np.inf, 5], [[5], [6]], [5]]
+NO_ROW = [[0.0, 0.0], [[0.0]], [[0.0, np.nan]], [[-np.inf, 0.0]], [["a", "b"]], [[True, False]]]
+
+
+@pytest.mark.parametrize(
+    ("space", "n", "answer"), [*((CLASSES, 2, one) for one in NO_CLASSES), *((TWO_NUMBERS, 1, one) for one in NO_ROW)]
+)
+def test_other_answers_are_refused(space, n, answer):
+    with refused("predict must return one finite action"):
+        answered(answer, space, n)
 
 
 def test_missing_gymnasium_and_physics_engine_name_the_extra(monkeypatch):

@@ -70,7 +70,7 @@ def episode():
 @pytest.fixture
 def continuous(episode):
     # Inside the box, some on its bounds.
-    actions = BOX.executed(np.random.default_rng(101).normal([0, 10.5], [1, 0.3], size=(N, 2)), N)
+    actions = BOX.bounded(np.random.default_rng(101).normal([0, 10.5], [1, 0.3], size=(N, 2)))
     actions.setflags(write=False)
     return episode[0], actions
 

@@ -1,7 +1,6 @@
 """Spaces of actions: one of n numbered actions, or any point of a box of A numbers; and the codes of actions.
 
-A space tells the model how many numbers an action has and what may be done, and tells the simulator how to draw an
-action uniformly, how to turn one into a wrong one (`flip`, `shift`), and which answers of a policy it accepts.
+A space tells the model how many numbers an action has and what may be done.
 """
 
 from __future__ import annotations
@@ -39,25 +38,6 @@ class Discrete:
         """Codes (N,) of the most likely actions under log-probabilities (N, n)."""
         return np.asarray(outputs.argmax(axis=1))
 
-    def draw(self, n_steps: int, rng: np.random.Generator) -> Array:
-        """Uniform draws (n_steps,)."""
-        return rng.integers(self.start, self.start + self.n, size=n_steps)
-
-    def flip(self, actions: Array) -> Array:
-        """Swap the first and the last action; those between stay."""
-        swapped = np.arange(self.start, self.start + self.n)
-        swapped[[0, -1]] = swapped[[-1, 0]]
-        return np.asarray(swapped[actions - self.start])
-
-    def shift(self, actions: Array) -> Array:
-        """Replace every action by the next one, the last by the first."""
-        return (actions - self.start + 1) % self.n + self.start
-
-    def executed(self, answer: Array, n_steps: int) -> Array | None:
-        """The `answer` of a policy as int64 actions (n_steps,); None unless it is whole numbers among the actions."""
-        is_one = answer.shape == (n_steps,) and np.isin(answer, np.arange(self.start, self.start + self.n)).all()
-        return answer.astype(np.int64) if is_one else None
-
 
 @stored(low="A", high="A")
 @dataclass(frozen=True, eq=False)
@@ -92,33 +72,6 @@ class Box:
         return np.clip(outputs, self.low, self.high).astype(self.low.dtype, copy=False)
 
     act = bounded
-
-    def draw(self, n_steps: int, rng: np.random.Generator) -> Array:
-        """Uniform draws (n_steps, A); a `DataError` where a bound is infinite."""
-        if not np.isfinite([self.low, self.high]).all():
-            raise DataError(f"No action can be drawn uniformly from {self}: give every number two finite bounds.")
-        return rng.uniform(self.low, self.high, size=(n_steps, self.n_parts)).astype(self.low.dtype)
-
-    def flip(self, actions: Array) -> Array:
-        """Mirror every number at the middle of its bounds: a becomes low + high - a."""
-        return self.bounded(self.low + self.high - actions)
-
-    def shift(self, actions: Array) -> Array:
-        """Add half of its range to every number, modulo the range: low + (a - low + range / 2) mod range."""
-        span = self.high - self.low
-        return self.bounded(self.low + (actions - self.low + span / 2) % span)
-
-    def executed(self, answer: Array, n_steps: int) -> Array | None:
-        """The `answer` of a policy, (n_steps, A), or (n_steps,) where A is 1, in the box; None if not finite."""
-        if answer.shape == (n_steps,) and self.n_parts == 1:
-            answer = answer[:, None]
-        if answer.shape != (n_steps, self.n_parts) or answer.dtype.kind not in "iuf" or not np.isfinite(answer).all():
-            return None
-        return self.bounded(answer)
-
-    def __str__(self) -> str:
-        bounds = ", ".join(f"{low:g} to {high:g}" for low, high in zip(self.low, self.high, strict=True))
-        return f"continuous actions ({bounds})"
 
 
 Space = Discrete | Box

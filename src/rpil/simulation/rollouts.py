@@ -113,7 +113,7 @@ def record(
         running, active = np.arange(n_episodes), list(envs)
         observations = np.array([env.reset(seed=start)[0] for env, start in zip(envs, seeds, strict=True)])
         while active:
-            actions = _actions(policy, observations, env_id, space)
+            actions = ask(policy, observations, env_id, space)
             # Python ints: environments check each discrete action, which costs far more on NumPy scalars.
             orders = actions.tolist() if actions.ndim == 1 else actions
             outcomes = [env.step(order) for env, order in zip(active, orders, strict=True)]
@@ -134,18 +134,23 @@ def record(
     return [RecordedEpisode(*parts) for parts in zip(*(np.split(one[order], ends) for one in columns), strict=True)]
 
 
-def _actions(policy: Player, observations: Array, env_id: str, space: Space) -> Array:
+def ask(policy: Player, observations: Array, env_id: str, space: Space) -> Array:
     """The actions of the policy for all running episodes; a `DataError` where they are no actions of the space."""
     predicted = policy.predict(observations)
     # Stable-Baselines3 returns the actions and the state of the policy.
     answer = np.asarray(predicted[0] if isinstance(predicted, tuple) else predicted)
-    actions = space.executed(answer, len(observations))
-    if actions is None:
+    n, actions = len(observations), answer
+    if isinstance(space, Discrete):
+        fits = answer.shape == (n,) and np.isin(answer, np.arange(space.start, space.start + space.n)).all()
+    else:
+        actions = answer[:, None] if answer.shape == (n,) and space.n_parts == 1 else answer
+        fits = actions.shape == (n, space.n_parts) and answer.dtype.kind in "iuf" and np.isfinite(answer).all()
+    if not fits:
         raise DataError(
             f"In {env_id} the policy answered {len(observations)} observations with {answer.dtype} of shape "
             f"{answer.shape}: predict must return one finite action of the environment for each."
         )
-    return actions
+    return actions.astype(np.int64) if isinstance(space, Discrete) else space.bounded(actions)
 
 
 def make(env_id: str) -> Any:

@@ -1,8 +1,7 @@
 """Experts that are formulas, and good and bad demonstrations of an environment, made from one seed.
 
 A corruption takes the observations (n, D) and actions, (n,) or (n, A), of an expert, the space of the actions and a
-`numpy.random.Generator`, and returns new observations and actions; its arguments are not changed. A uniform draw is
-from all K actions, including the expert's, or from the whole box.
+`numpy.random.Generator`, and returns new observations and actions; its arguments are not changed.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpil.data.errors import DataError
-from rpil.data.spaces import Space
+from rpil.data.spaces import Discrete, Space
 from rpil.numerics.types import Array
 from rpil.simulation.rollouts import actions_of, make, record
 
@@ -93,19 +92,33 @@ EXPERTS: dict[str, Callable[[NDArray[np.floating]], Array]] = {
 """The rule of the expert of each environment."""
 
 
+def draw(space: Space, n_steps: int, rng: np.random.Generator) -> Array:
+    """Uniform draws from all K actions, including the expert's, or from the whole box."""
+    if isinstance(space, Discrete):
+        return rng.integers(space.n, size=n_steps)
+    return rng.uniform(space.low, space.high, size=(n_steps, space.n_parts)).astype(space.low.dtype)
+
+
 def corrupted(observations: Array, actions: Array, space: Space, rng: np.random.Generator) -> tuple[Array, Array]:
     """Replace every action by a uniform draw; the states stay those of the expert."""
-    return observations.copy(), space.draw(len(actions), rng)
+    return observations.copy(), draw(space, len(actions), rng)
 
 
 def flip(observations: Array, actions: Array, space: Space, rng: np.random.Generator) -> tuple[Array, Array]:
     """Swap the first and the last action, 0 and K-1; all others stay. In a box, mirror: low + high - action."""
-    return observations.copy(), space.flip(actions)
+    if isinstance(space, Discrete):
+        swapped = np.arange(space.n)
+        swapped[[0, -1]] = swapped[[-1, 0]]
+        return observations.copy(), swapped[actions]
+    return observations.copy(), space.bounded(space.low + space.high - actions)
 
 
 def shift(observations: Array, actions: Array, space: Space, rng: np.random.Generator) -> tuple[Array, Array]:
     """Turn every action k into (k + 1) mod K. In a box, move every number on by half of its range, around."""
-    return observations.copy(), space.shift(actions)
+    if isinstance(space, Discrete):
+        return observations.copy(), (actions + 1) % space.n
+    span = space.high - space.low
+    return observations.copy(), space.bounded(space.low + (actions - space.low + span / 2) % span)
 
 
 def noisy(observations: Array, actions: Array, space: Space, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -144,7 +157,7 @@ BAD_KINDS: tuple[str, ...] = ("corrupted", RANDOM, *(name for name in CORRUPTION
 
 def _redraw(actions: Array, steps: NDArray[np.int64], space: Space, rng: np.random.Generator) -> Array:
     spoiled = actions.copy()
-    spoiled[steps] = space.draw(len(steps), rng)
+    spoiled[steps] = draw(space, len(steps), rng)
     return spoiled
 
 
@@ -199,7 +212,7 @@ def simulate(env_id: str, kind: str, *, n_good: int, n_bad: int, seed: int) -> S
 
     good = record(driver, env_id, n_episodes=n_good, seed=good_seed)
     rng = np.random.default_rng(policy_seed)
-    at_random = Expert(lambda observations: space.draw(len(observations), rng))
+    at_random = Expert(lambda observations: draw(space, len(observations), rng))
     bad = record(at_random if kind == RANDOM else driver, env_id, n_episodes=n_bad, seed=bad_seed)
     episodes = [(episode.observations, episode.actions) for episode in [*good, *bad]]
     if kind != RANDOM:
