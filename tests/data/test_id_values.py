@@ -12,8 +12,8 @@ from rpil import formats
 from rpil.data.errors import DataError
 from rpil.data.id_values import (
     AnswerRow,
-    label_codes,
     label_rows,
+    label_signs,
     match_pairs,
     parse_answers,
     parse_marks,
@@ -36,10 +36,8 @@ def test_labels_csv(tmp_path, header):
     path.write_text("\n".join([header, *rows]), encoding="utf-8")
     labels, _ = read_answers(path)
     assert labels == {"7": "good", "a": "bad", "b": "good"}
-    assert label_codes(labels, ("b", "x", "a", 7)).tolist() == [1, 0, -1, 1]
-    assert label_codes({"b": "ADVERSARY", 7: "Expert"}, ("b", 7)).tolist() == [-1, 1]
-    with refused(r"labels\.csv: no demonstration is called 'a'.*; the ids are '7'"):
-        label_codes(labels, [7], "labels.csv")
+    assert label_signs(labels, ("b", "x", "a", 7)).tolist() == [1, 0, -1, 1]
+    assert parse_answers(label_rows({"b": "ADVERSARY", 7: "Expert"}), "")[0] == {"b": "bad", "7": "good"}
 
 
 @pytest.mark.parametrize(

@@ -88,6 +88,8 @@ def read_answers(path: StrPath) -> tuple[dict[str, Label], Pairs]:
 def read_answer_rows(path: StrPath) -> list[AnswerRow]:
     """The answers of a file that `read_answers` reads, with their notes."""
     rows = read_id_pairs(check_extension(path, _EXTENSIONS, "labels"), "label", AnswerRow._fields[2:])
+    if not rows:
+        raise DataError(f"{Path(path).name}: it labels no demonstration; give at least one id and label.")
     return [AnswerRow(*row) for row in rows]
 
 
@@ -133,8 +135,6 @@ def parse_answers(rows: Sequence[AnswerRow], source: str) -> tuple[dict[str, Lab
             raise DataError(f"{source}, demonstration {m!r}: it is labelled twice; keep one of the labels.")
         elif label is not None:
             labels[m] = label
-    if not rows:
-        raise DataError(f"{source}: it labels no demonstration; give at least one id and label.")
     return labels, pairs
 
 
@@ -204,14 +204,9 @@ def _add_pair(pairs: Pairs, pair: tuple[str, str], relation: Relation, source: s
         raise DataError(f"{source}, {first!r} and {second!r}: two answers contradict each other; keep one answer.")
 
 
-def label_codes(labels: Mapping[Any, str], ids: Sequence[object], source: str = "the labels") -> Int[Array, " M"]:
-    """1 for demonstrations labelled "good", -1 for "bad", 0 for the rest of the M `ids`, which are compared as text.
-
-    A `DataError` on an unknown label or id.
-    """
-    check_ids(labels, ids, source, "the labels")
-    words = parse_answers(label_rows(labels), source)[0] if labels else {}
-    return np.array([{None: 0, "good": 1, "bad": -1}[words.get(str(m))] for m in ids], dtype=np.int64)
+def label_signs(labels: Mapping[str, Label], ids: Sequence[object]) -> Int[Array, " M"]:
+    """1 for demonstrations labelled "good", -1 for "bad", 0 for the rest of the M `ids`, which are compared as text."""
+    return np.array([{None: 0, "good": 1, "bad": -1}[labels.get(str(m))] for m in ids], dtype=np.int64)
 
 
 def match_pairs(

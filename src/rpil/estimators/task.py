@@ -48,12 +48,12 @@ def answers_of(
     is_file = isinstance(labels, str | os.PathLike)
     source, named = (str(labels), Path(str(labels)).name) if is_file else (demonstrations.source, "the labels")
     rows = id_values.read_answer_rows(cast(StrPath, labels)) if is_file else id_values.label_rows(labels)
-    by_id, pairs = id_values.parse_answers(rows, named) if rows or is_file else ({}, {})
+    by_id, pairs = id_values.parse_answers(rows, named)
     id_values.check_ids([*(row.id for row in rows), *chain.from_iterable(pairs)], every, source, "the labels")
     marks = id_values.parse_marks(rows, named, read, demonstrations.lengths)
     chosen = {*map(str, read)}
     better, tied = id_values.match_pairs(((pair, word) for pair, word in pairs.items() if chosen >= {*pair}), read)
-    signs = id_values.label_codes({name: label for name, label in by_id.items() if name in chosen}, read)
+    signs = id_values.label_signs(by_id, read)
     given: dict[str, Outcome | str] = {}
     if outcome is not None and are_names(outcome):
         paths = [outcome] if isinstance(outcome, str) else [*cast("Sequence[str]", outcome)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import compress, repeat
+from itertools import chain, compress, repeat
 from typing import TypeVar
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.special import expit
 
 from rpil.data.errors import DataError
 from rpil.data.fit_data import Demonstrators
-from rpil.data.id_values import Relation, check_ids, label_codes, label_rows, match_pairs, parse_answers, parse_marks
+from rpil.data.id_values import Relation, check_ids, label_rows, label_signs, match_pairs, parse_answers, parse_marks
 from rpil.data.text import printable
 from rpil.inference.answered import Answered, answer, places_to_ask
 from rpil.inference.answers import Answers, check_copied_labels
@@ -106,8 +106,8 @@ def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, 
     """The answers of an audit and these; a new label replaces an old one."""
     known = audit.answers
     rows = label_rows(labels)
-    texts, more = parse_answers(rows, "the labels") if rows else ({}, {})
-    check_ids([row.id for row in rows if row.is_mark], audit.ids, "the labels", "the labels")
+    texts, more = parse_answers(rows, "the labels")
+    check_ids([*(row.id for row in rows), *chain.from_iterable(more)], audit.ids, "the labels", "the labels")
     marks = parse_marks(rows, "the labels", audit.ids, audit.lengths)
     for m, start, end, sign in known.marks.tolist():  # a new answer about the same rows stands in place of an old one
         new = marks[(marks[:, 0] == m) & (marks[:, 1] < end) & (marks[:, 2] > start)]
@@ -117,7 +117,7 @@ def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, 
             said = f"rows {start} to {end} of {audit.ids[m]!r} have the other label"
             raise DataError(f"the labels: {said}; give the same rows again to change it.")
         marks = np.concatenate([marks, [[m, start, end, sign]]])
-    new = label_codes(texts, audit.ids)
+    new = label_signs(texts, audit.ids)
     signs = np.where(new == 0, known.labels, new)
     old: list[tuple[Relation, Array]] = [("better than", known.pairs), ("same as", known.tied)]
     before = [((audit.ids[a], audit.ids[b]), relation) for relation, of_it in old for a, b in of_it.tolist()]

@@ -132,9 +132,9 @@ class Session:
         audit, lines, rows = self.audit, list[str](), tuple(by_question.values())
         if rows != self.rows:
             said = id_values.with_new(self._before, rows)
-            labels, pairs = id_values.parse_answers(said, "the answers") if rows else ({}, {})
-            marks = {(row.id, row.start, row.end): str(row.label) for row in said if row.is_mark} if rows else {}
-            is_told = labels or pairs or marks
+            labels, pairs = id_values.parse_answers(said, "the answers")
+            marks = {(row.id, row.start, row.end): str(row.label) for row in said if row.is_mark}
+            is_told = rows and (labels or pairs or marks)
             audit = self.start.answered(labels | marks, pairs, instead=True) if is_told else self.start
             lines = list(change_lines(self.audit, audit))
             self._write(rows)
