@@ -11,6 +11,7 @@ from scipy.special import expit
 from hand_made import Written, groups_of, same_actions, scores_of, scoring_of
 from problems import make, make_continuous
 from rpil.data.copies import Copies
+from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import Demonstrators
 from rpil.inference import trust as module
 from rpil.inference.answered import answer
@@ -34,9 +35,11 @@ LOWER = SCORE < 0.5
 TOLD = [1, 0, 0, 1, 0, 0, -1, -1, 0, 0]
 
 
-def concluded(labels=None, p_two=0.999, data=None, finding="outliers"):
+SOURCE = Demonstrations(np.zeros((10, 1)), np.arange(10) % 2, np.arange(11))
+
+
+def concluded(labels=None, p_two=0.999, who=Demonstrators(), finding="outliers"):
     """The judgement of `SCORE`, the audit with these labels, and the labels as answers."""
-    data = data or same_actions(10)
     scores = scores_of(scoring_of(same_actions(10), lambda group: 0.0, SETTINGS), SCORE, p_two)
     described = np.column_stack([SCORE, *np.cos(np.outer(np.arange(1, 7), np.arange(10.0)))])  # one for each channel
     columns = columns_of(described, described[:, :0], scores.log_odds, SETTINGS.answers)
@@ -44,7 +47,7 @@ def concluded(labels=None, p_two=0.999, data=None, finding="outliers"):
     none = np.zeros(10), np.zeros(0), np.zeros(10)
     judgement = Judgement(scores, columns, states, claims, own, *none)
     answers = Answers.of_labels(np.array(labels if labels is not None else [0] * 10, dtype=np.int64))
-    return judgement, audit_from_judgement(judgement, data, range(10), answers, AuditSettings()), answers
+    return judgement, audit_from_judgement(judgement, SOURCE, answers, who, AuditSettings()), answers
 
 
 def test_without_answers_the_claims_are_said():
@@ -80,11 +83,11 @@ def test_the_share_of_experts_is_known_where_groups_or_answers_are():
 
 
 def test_answers_count_before_operators():
-    data = replace(same_actions(10), demonstrators=Demonstrators.from_names(["a"] * 5 + ["b"] * 5))
-    _, audit, answers = concluded(TOLD, data=data)
+    who = Demonstrators.from_names(["a"] * 5 + ["b"] * 5)
+    _, audit, answers = concluded(TOLD, who=who)
     by_hand = answer(audit.columns, answers, SETTINGS.answers, np.arange(10))
     np.testing.assert_allclose(audit.from_actions + audit.from_label, by_hand.log_odds)
-    posterior = demonstrator_posterior(data.demonstrators, by_hand.log_odds, answers.labels, SETTINGS.demonstrators)
+    posterior = demonstrator_posterior(who, by_hand.log_odds, answers.labels, SETTINGS.demonstrators)
     of_operator = np.where(answers.labels, 0.0, posterior.log_odds)  # a label says what its demonstration is
     np.testing.assert_allclose(audit.log_odds, by_hand.log_odds + of_operator)
     trust = {who.name: (who.trust.mean, who.trust.low, who.trust.high) for who in audit.demonstrators}

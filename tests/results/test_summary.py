@@ -58,10 +58,8 @@ def test_notes_name_the_only_operator_of_all_outliers_or_how_groups_differ():
     lower, columns = np.array([False, True, True, False, False]), np.zeros((5, len(CHANNELS) + 1))
 
     def notes(names, finding="outliers", lower=lower):
-        offsets = np.concatenate([[0], np.cumsum(LENGTHS)])
         people = Demonstrators.from_names(names) if names else Demonstrators()
-        data = FitData(np.ones((15, 1)), np.zeros(15, dtype=int), offsets, Discrete(3), demonstrators=people)
-        return notes_of(Claims(finding, lower), columns, data)
+        return notes_of(Claims(finding, lower), columns, LENGTHS, people)
 
     said = r"All outliers are of one operator, Ann\x1b: perhaps a style or a set-up, and not necessarily worse."
     assert notes(["Bob", "Ann\x1b", "Ann\x1b", "Bob", "Ann\x1b"]) == (said,)

@@ -53,19 +53,10 @@ class Demonstrators:
             return f"One demonstrator, {self.names[0]!r}, gave all demonstrations, so demonstrators are not used."
         return "No demonstrator gave two demonstrations, so demonstrators are not used."
 
-    def select(self, demonstrations: Array) -> Demonstrators:
-        """The demonstrators of the demonstrations with these numbers."""
-        return Demonstrators.from_names([self.names[u] for u in self.index[demonstrations]]) if self.names else self
-
     @cached_property
     def indicator(self) -> Array:
         """1 where demonstrator u gave demonstration m, else 0, (U, M)."""
         return np.asarray(np.arange(len(self.names))[:, None] == self.index, dtype=float)
-
-    @property
-    def counts(self) -> Array:
-        """Number of demonstrations of each demonstrator, (U,)."""
-        return np.bincount(self.index, minlength=len(self.names))
 
 
 DemonstratorNames = Mapping[Any, Hashable] | Sequence[Hashable] | Array
@@ -122,7 +113,6 @@ class FitData:
     space: Space  # of the actions
     labels: Array = field(default_factory=lambda: np.array([], dtype=int))
     """(M,): 1 expert, -1 adversary, 0 not labelled, the default; read by the mixture alone: the judge has answers."""
-    demonstrators: Demonstrators = field(default_factory=Demonstrators)
     judged: Array | None = None  # bool: the parts of continuous actions that the judge sees; None for all
     action_names: tuple[str, ...] = ()  # of the parts of continuous actions, or of discrete actions; may be empty
 
@@ -167,7 +157,7 @@ class FitData:
         return np.repeat(values, self.lengths, axis=0)
 
     def select(self, demonstrations: Array) -> FitData:
-        """The data of the demonstrations with these numbers, without demonstrators."""
+        """The data of the demonstrations with these numbers."""
         steps = np.concatenate([np.arange(self.offsets[m], self.offsets[m + 1]) for m in demonstrations])
         return replace(
             self,
@@ -175,7 +165,6 @@ class FitData:
             actions=self.actions[steps],
             offsets=np.concatenate([[0], np.cumsum(self.lengths[demonstrations])]),
             labels=self.labels[demonstrations],
-            demonstrators=Demonstrators(),
         )
 
 

@@ -42,13 +42,12 @@ def fit_sampled(task: Task, options: FitOptions, learns: bool = True) -> FitResu
     judgement, _ = judge_by_options(demonstrations, data, options, learns)
     sample = JudgedSample(data, indices, judgement, FittedJudge.of(judgement, data, judging))
     options.progress("a pass over everything: scores")
-    none, who, names = np.empty(0), task.demonstrators, data.action_names
-    everyone = FitData(none, none, task.source.offsets, task.space, demonstrators=who, action_names=names)
+    everyone = FitData(np.empty(0), np.empty(0), task.source.offsets, task.space)
     parts = policies_of_parts(data, judgement, judging)
     scores = blocks.map(partial(score_block, judge=sample.judge, parts=parts, settings=judging))
     judgement = judge_everyone(sample, everyone, scores, judging)
     # The log-ratios of the steps are on disk.
-    result = decided(task, options, replace(judgement, log_ratio=np.empty(0)), everyone, features, learns)
+    result = decided(task, options, replace(judgement, log_ratio=np.empty(0)), features, learns)
     options.progress("the policy" if learns else "the weights of the steps")
     trust, n_steps = of_demonstrations(result.audit), int(task.source.offsets[-1])
     n_parts = 1 + n_steps // settings.block_steps

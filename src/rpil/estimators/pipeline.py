@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rpil.data.archive import settings_record
-from rpil.data.arrays import Indices, check_squares
+from rpil.data.arrays import check_squares
 from rpil.data.copies import Copies, copies_among
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
@@ -218,13 +218,11 @@ def judge_by_options(
     return judge(data, model or linear, with_prior, options.progress, linear.data if learns else None), linear
 
 
-def decided(
-    task: Task, options: FitOptions, judgement: Judgement, data: FitData, features: Features, learns: bool
-) -> FitResult:
+def decided(task: Task, options: FitOptions, judgement: Judgement, features: Features, learns: bool) -> FitResult:
     """The audit of a judgement of all demonstrations, with the answers that were given."""
     # An audit answers like the judge, and without a policy its weights are for other trainings.
     settings = replace(options.settings.audit, judge=options.settings.judge, weighs_for_learner=learns)
-    audit = summary.audit_from_judgement(judgement, data, task.source.ids, task.answers, settings)
+    audit = summary.audit_from_judgement(judgement, task.source, task.answers, task.demonstrators, settings)
     fit, p_two = judgement.scores.fit, judgement.scores.groups.p_two
     return FitResult(audit, features, n_iter=len(fit.history), lower_bound=float(fit.history[-1]), p_two=p_two)
 
@@ -237,21 +235,21 @@ def fit_full(task: Task, options: FitOptions, learns: bool = True) -> FitResult:
     check_copied_labels(task.answers, copies.copy_of, task.source.ids, task.source.source)
     different = every.select(copies.judged) if copies.any else every
     features = options.judge_features(different)
-    data = options.judged(fit_data(task, options, different, features, copies.judged))
+    large = every.n_steps * every.n_observations > options.settings.single_precision
+    single = options.judges and every.is_discrete and large
+    data = options.judged(task.data(different, features, single))
     if options.judges:
         judgement, linear = judge_by_options(different, data, options, learns)
-        whole = data
         if copies.any:
-            whole = fit_data(task, options, every, features)
-            judgement = repeated(judgement, copies, whole.offsets)
-        result = decided(task, options, judgement, whole, features, learns)
+            judgement = repeated(judgement, copies, every.offsets)
+        result = decided(task, options, judgement, features, learns)
         notes = *result.audit.notes, *summary.parts_not_judged(data), *filter(None, [copies.sentence])
         audit = replace(result.audit, notes=notes)
         if audit.finding in summary.COMPARED:
             evidence = summary.by_held_out_policies(judgement, linear, copies, options.settings.judge.held_out)
             audit = replace(audit, deviations=summary.deviations(audit, evidence, task.classes))
     else:
-        result = decide_by_mixture(data, features, every.ids, options)
+        result = decide_by_mixture(replace(data, labels=task.answers.labels), features, every.ids, options)
         audit = result.audit
     if task.taken_over is not None:
         audit = replace(audit, taken_over=task.taken_over)
@@ -262,17 +260,6 @@ def fit_full(task: Task, options: FitOptions, learns: bool = True) -> FitResult:
         return result
     features, policy = final_policy(task, options, audit.step_weight)
     return replace(result, features=features, policy=policy)
-
-
-def fit_data(
-    task: Task, options: FitOptions, demonstrations: Demonstrations, features: Features, rows: Indices = slice(None)
-) -> FitData:
-    """The data of the demonstrations at `rows`, with labels and demonstrators."""
-    every = task.demonstrations
-    large = every.n_steps * every.n_observations > options.settings.single_precision
-    data = task.data(demonstrations, features, options.judges and task.space.kind == "discrete" and large)
-    numbers = np.arange(len(every))[rows]
-    return replace(data, labels=task.answers.labels[rows], demonstrators=task.demonstrators.select(numbers))
 
 
 def final_policy(task: Task, options: FitOptions, weight: Array) -> tuple[Features, FinalPolicy]:

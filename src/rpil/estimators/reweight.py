@@ -234,10 +234,9 @@ def reweight(
     model = TrainedPolicy(policy, data, once, log_prob, train, fold, chosen, progress)
     judgement = judge(data, model, chosen.judge, progress, data)
     n_rounds = model.cache[data.per_step(judgement.scores.fit.group.astype(float)).tobytes()][1]
-    data = data if once is demonstrations else task.data(demonstrations, features)
-    judgement = repeated(judgement, copies, data.offsets)
+    judgement = repeated(judgement, copies, demonstrations.offsets)
     settings = replace(chosen.audit, judge=chosen.judge)
-    audit = audit_from_judgement(judgement, data, demonstrations.ids, task.answers, settings)
+    audit = audit_from_judgement(judgement, demonstrations, task.answers, task.demonstrators, settings)
     audit = replace(audit, notes=tuple(filter(None, [*audit.notes, copies.sentence])))
     model = replace(model, data=demonstrations)  # the policy learns from copies as well
     for n in range(n_rounds):

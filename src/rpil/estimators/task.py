@@ -119,7 +119,7 @@ class Task:
         return encode_actions(self.classes, demonstrations.actions, demonstrations.source)
 
     def data(self, demonstrations: Demonstrations, features: Features, single: bool = False) -> FitData:
-        """The data of a fit to some of the demonstrations, without labels and demonstrators."""
+        """The data of a fit to some of the demonstrations, without labels."""
         design, codes = features.design(demonstrations.observations, single=single), self.codes(demonstrations)
         names = tuple(map(str, self.classes.tolist())) or demonstrations.action_names
         return FitData(design, codes, demonstrations.offsets, self.space, action_names=names)

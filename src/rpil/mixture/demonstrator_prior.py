@@ -51,7 +51,7 @@ def demonstrator_posterior(
 ) -> DemonstratorPosterior:
     """The posterior of the demonstrators, given log p(D_m | expert) - log p(D_m | adversary) of the demonstrations and
     their labels: 1 expert, -1 adversary, 0 none."""
-    index, counts = demonstrators.index, demonstrators.counts
+    index, counts = demonstrators.index, np.bincount(demonstrators.index)
     nodes = np.linspace(-settings.max_node, settings.max_node, settings.n_nodes)
     log_weight = -0.5 * nodes**2 - np.log(np.exp(-0.5 * nodes**2).sum())
     intercept = np.array(settings.spreads)[:, None] * nodes  # (T, G)

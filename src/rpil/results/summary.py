@@ -21,7 +21,8 @@ import numpy as np
 from scipy.special import expit
 
 from rpil.data.copies import Copies
-from rpil.data.fit_data import FitData
+from rpil.data.demonstrations import DemonstrationSet
+from rpil.data.fit_data import Demonstrators, FitData
 from rpil.data.spaces import Discrete
 from rpil.data.text import listed, printable
 from rpil.inference.answers import Answers
@@ -51,14 +52,14 @@ MAX_LOG_ODDS = 1e9
 
 
 def audit_from_judgement(
-    judgement: Judgement, data: FitData, ids: Sequence[Hashable], answers: Answers, settings: AuditSettings
+    judgement: Judgement, source: DemonstrationSet, answers: Answers, who: Demonstrators, settings: AuditSettings
 ) -> Audit:
-    """The audit of the judge, of demonstrations that are called `ids`, and with these answers, if there are any."""
-    claims, log_odds = judgement.claims, judgement.log_odds
+    """The audit of the judge, of the demonstrations `source` with these answers and demonstrators, if there are any."""
+    claims, log_odds, ids = judgement.claims, judgement.log_odds, source.ids
     none, groups = np.zeros(len(ids)), claims.groups
     audit = Audit(
-        ids=tuple(ids),
-        offsets=np.asarray(data.offsets, dtype=np.int64),
+        ids=ids,
+        offsets=source.offsets,
         finding=claims.finding,
         log_odds=log_odds,
         from_actions=log_odds,
@@ -73,10 +74,10 @@ def audit_from_judgement(
         identifiable=groups is None,
         competing=() if groups is None else tuple(tuple(ids[m] for m in group) for group in groups),
         pair=() if judgement.pair is None else tuple(ids[m] for m in judgement.pair),
-        adversary="frequent actions" if data.space.kind == "discrete" else "any action",
-        demonstrators=rank_demonstrators(data.demonstrators, np.empty((0, 3)), ids),
+        adversary="frequent actions" if source.is_discrete else "any action",
+        demonstrators=rank_demonstrators(who, np.empty((0, 3)), ids),
         answers=answers,
-        notes=notes_of(claims, judgement.columns, data),
+        notes=notes_of(claims, judgement.columns, source.lengths, who),
         columns=judgement.columns,
         claimed=claims.verdicts.astype(np.int64),
         part=judgement.part,
@@ -87,11 +88,13 @@ def audit_from_judgement(
     return with_answers(replace(audit, step_weight=weights_of(audit), notes=notes), answers)
 
 
-def notes_of(claims: Claims, columns: Float[Array, "M D"], data: FitData) -> tuple[str, ...]:
+def notes_of(
+    claims: Claims, columns: Float[Array, "M D"], lengths: Int[Array, " M"], who: Demonstrators
+) -> tuple[str, ...]:
     """How two groups differ, or that all outliers are of one operator."""
     if claims.groups is not None:
-        return groups_differ(claims.groups, columns, data.lengths)
-    who, outlier = data.demonstrators, claims.verdicts < 0
+        return groups_differ(claims.groups, columns, lengths)
+    outlier = claims.verdicts < 0
     if not who.informative or outlier.sum() < 2 or (who.indicator @ outlier).max() < outlier.sum():
         return ()
     name = printable(who.names[int(np.argmax(who.indicator @ outlier))])
