@@ -90,7 +90,7 @@ def test_answers_come_from_a_mapping_or_a_file(folder, tmp_path):
     assert expected["finding"] == "answered"
     assert [file["path"] for file in from_file.provenance["files"]][1:] == [str(tmp_path / "labels.csv")]
     without = audit(folder / "drive.csv", tmp_path / "labels.csv", without=ids[9], **COLUMNS)
-    assert without.labelled == ids[:1]
+    assert np.flatnonzero(without.answers.labels).tolist() == [0]
 
 
 def test_it_takes_what_is_in_memory(folder):

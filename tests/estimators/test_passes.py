@@ -73,7 +73,7 @@ def test_labels_outside_the_sample_are_used():
     model, other = both(data, labels=labels)
     assert model.audit_.finding == other.audit_.finding == "answered"
     assert_alike(model, other, 0.2, 0.95)
-    assert model.audit_.labelled == ("d0", "d3", "d100")
+    assert np.flatnonzero(model.audit_.answers.labels).tolist() == [0, 3, 100]
     own = dict(zip(model.audit_.ids, model.log_odds_, strict=True))
     without = dict(zip(model.audit_.ids, both(data)[0].log_odds_, strict=True))
     assert without["d3"] > 0 > own["d3"]

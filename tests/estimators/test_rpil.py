@@ -53,7 +53,7 @@ def test_rment_of_single_steps_may_leave_out_a_class():
     half = RMEnt().fit(X, y, groups=rows)
     assert len(set(y[half.weights_ == 1.0])) == 2
     clone = BehavioralCloning().fit(X, y)  # tells all three apart, at the price of a larger ridge
-    taken = np.sort(clone.predict_log_proba(X)[rows, y])[30:]
+    taken = np.sort(clone.log_prob(X, y))[30:]
     assert half.objective_ < clone.policy_.penalty() / 60 - taken.mean()
     assert RMEnt(0.9).fit(X, y, groups=rows).score(X, y) > 0.83
 

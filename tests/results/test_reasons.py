@@ -19,7 +19,6 @@ from rpil.results.reasons import (
     groups_differ,
     known_facts,
     span,
-    style_in_words,
     worst_stretch,
 )
 
@@ -162,15 +161,6 @@ def test_a_fact_is_the_rank_of_its_channel_and_grows_with_its_name(channel, fact
     assert set(found) == set(RANKS)
     assert found[fact] == tuple(ranks), "to six digits"
     assert all(values == pytest.approx([0.5] * 4) for name, values in found.items() if name != fact)
-
-
-def test_a_style_names_the_length_and_the_ranks_that_are_far_from_the_middle():
-    lengths = np.array([20, 40, 50, 100])
-    facts = {"pauses": (0.1, 0.2, 0.5, 0.9), "smoothness": (0.5, 0.36, 0.6, 0.9), "length": (0.1, 0.4, 0.6, 0.9)}
-    assert style_in_words(facts, lengths, [0]) == "0.44 of the median length, pauses less"
-    assert style_in_words(facts, lengths, [2]) == "1.11 of the median length"
-    assert style_in_words(facts, lengths, [2, 3]) == "1.67 of the median length, pauses more, is smoother"
-    assert style_in_words({}, lengths, [0, 1, 2, 3]) == "1.00 of the median length"
 
 
 GROUPS, UP = (np.arange(8), np.arange(8, 14)), np.arange(14.0)

@@ -30,7 +30,7 @@ def test_a_copy_of_what_is_labelled_has_its_reason():
     assert not made.reasons[1].startswith("Labelled good")
 
 
-def test_demonstrators_are_told_with_their_words_their_style_and_their_trust_if_it_is_known():
+def test_demonstrators_are_told_with_their_words_and_their_trust_if_it_is_known():
     ann, bob = Demonstrator("Ann", Interval(0.8, 0.7, 0.9), (0, 1)), Demonstrator("Bob", None, (2, 3))
     audit = make_audit(("open", "open", "outlier", "open"), lengths=[10, 20, 30, 40], demonstrators=(ann, bob))
     first, second = json.loads(json.dumps(audit.to_dict()))["demonstrators"]
@@ -39,7 +39,6 @@ def test_demonstrators_are_told_with_their_words_their_style_and_their_trust_if_
         "name": "Bob",
         "trust": None,
         "n_demonstrations": 2,
-        "style": "1.40 of the median length",
         "verdicts": {"open": 1, "outlier": 1},
     }
 

@@ -49,7 +49,7 @@ def test_verdicts_change_at_the_thresholds():
 def test_labels_are_as_good_as_certain():
     audit = mixture_audit((-50.0, 50.0, -1.0, 1.0, 3.0), labels=(1, -1, 1, -1, 0))
     assert audit.verdicts == ("expert", "adversary", "expert", "adversary", "expert")
-    assert audit.labelled == ("a", "b", "c", "d")
+    assert audit.labels == ("good", "bad", "good", "bad", "")
     np.testing.assert_allclose(audit.log_odds, [50.0, -50.0, 20.0, -20.0, 3.0])
     np.testing.assert_allclose(sum(audit.evidence.values()), audit.log_odds)
 

@@ -34,9 +34,6 @@ MEMBER = ".npy"  # end of the names of members that hold an array
 _HEADER, _SCHEMA, _REMEDY = "header.json", "rpil fitted estimator", "fit and save it again"
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
-Header = dict[str, Any]
-"""The object in ``header.json``."""
-
 Class = TypeVar("Class", bound=type)
 
 NOT_STORED = {"stored": False}
@@ -150,7 +147,7 @@ class Decoder:
         return kind(**values)
 
 
-def read_archive(path: StrPath) -> tuple[Header, dict[str, Array]]:
+def read_archive(path: StrPath) -> tuple[dict[str, Any], dict[str, Array]]:
     """The header and all arrays of an archive.
 
     A `DataError` where the file is none, damaged, of another version, compressed, or too large for the memory. Who

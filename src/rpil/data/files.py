@@ -143,24 +143,20 @@ def check_folder(path: StrPath) -> None:
             if is_hidden(os.path.basename(path)) and is_dangling(path):  # a lock of an editor, which nothing can read
                 continue
             if os.path.islink(path) or not os.path.isdir(path):
-                _check_place(path, top, places)
+                check_inside(path, top, places)
             if os.path.islink(path) and os.path.isdir(path):
                 raise DataError(f"{path}: a link leads to a folder; copy the folder in its place, or remove it.")
 
 
-def check_inside(path: StrPath, top: StrPath) -> None:
+def check_inside(path: StrPath, top: StrPath, places: Sequence[str] = ()) -> None:
     """A `DataError` where links on the way from the folder `top` to `path` lead out of it, or to a pipe or nothing.
 
-    What is not there at all is left to the reader.
+    What is not there at all is left to the reader. `places` are those of `_places`, where they are known.
     """
-    if os.path.lexists(path):
-        _check_place(path, top, _places(top))
-
-
-def _check_place(path: StrPath, top: StrPath, places: Sequence[str]) -> None:
-    """A `DataError` where links lead from `path` to none of the `places`, or to no file or folder."""
+    if not os.path.lexists(path):
+        return
     real = os.path.realpath(path)
-    if not any(real == place or real.startswith(place.rstrip(os.sep) + os.sep) for place in places):
+    if not any(real == place or real.startswith(place.rstrip(os.sep) + os.sep) for place in places or _places(top)):
         raise DataError(
             f"{path}: it is a link that leads out of {top}, and is not followed; remove it, or copy the folder with "
             "what its links lead to (cp -rL)."

@@ -141,11 +141,7 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
         return self.classes_[action] if len(self.classes_) else action
 
     def predict_proba(self, X: ArrayLike) -> Array:
-        """pi(k|s), (N, K), columns in the order of `classes_`."""
-        return np.exp(self.predict_log_proba(X))
-
-    def predict_log_proba(self, X: ArrayLike) -> Array:
-        """log pi(k|s), (N, K).
+        """pi(k|s), (N, K), columns in the order of `classes_`.
 
         Raises
         ------
@@ -155,7 +151,7 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
         check_is_fitted(self)
         if not len(self.classes_):
             raise DataError("The actions are continuous, so that none has a probability; use log_prob or predict.")
-        return self._outputs(X)
+        return np.exp(self._outputs(X))
 
     def score(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> float:
         """The share of actions that are the most likely one; R^2 for continuous actions."""

@@ -148,9 +148,6 @@ RANKS: Mapping[str, tuple[str, int, str, str]] = {
 """Each fact that is a rank: the channel that it is read from, whether it grows or falls with it, and the words
 for where it is low and high."""
 
-MIN_STYLE = 0.15
-"""Distance of a median rank from the middle, 1/2, from which it is part of a style. Chosen by hand, not tuned."""
-
 TWO_GROUPS = "The two groups: "
 """How the sentences begin."""
 
@@ -175,15 +172,6 @@ def known_facts(columns: Float[Array, "M D"], order: Float[Array, " M"] | None) 
     if order is not None:
         found["order"] = tuple((np.searchsorted(np.sort(order), order) + 1).tolist())
     return found
-
-
-def style_in_words(facts: Mapping[str, Sequence[Fact]], lengths: Int[Array, " M"], own: Sequence[int]) -> str:
-    """How the demonstrations `own` differ from all of these `lengths`: in their median length, and in other `RANKS`."""
-    parts = [f"{np.median(lengths[list(own)]) / np.median(lengths):.2f} of the median length"]
-    for name in (name for name in RANKS if name in facts and name != "length"):
-        above = float(np.median([facts[name][m] for m in own])) - 0.5
-        parts += [RANKS[name][2:][above > 0]] if abs(above) >= MIN_STYLE else []
-    return ", ".join(parts)
 
 
 def groups_differ(

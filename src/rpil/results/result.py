@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection, Hashable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -22,8 +23,8 @@ from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id, looking_order, n_first
-from rpil.results.judged import Demonstrator, Judged
-from rpil.results.reasons import Fact, known_facts, reasons_of, style_in_words, worst_stretch
+from rpil.results.judged import Judged
+from rpil.results.reasons import Fact, known_facts, reasons_of, worst_stretch
 from rpil.results.vocabulary import SIDES, WORSE, in_numbers, numbered, short_id
 
 if TYPE_CHECKING:
@@ -70,11 +71,6 @@ class AuditResult(Judged):
         return tuple(own or worse.get(m, "") for own, m in zip(how, first, strict=True))
 
     @property
-    def labelled(self) -> tuple[Hashable, ...]:
-        """Ids of the demonstrations whose label was given."""
-        return tuple(self.ids[m] for m in np.flatnonzero(self.answers.labels).tolist())
-
-    @property
     def groups(self) -> dict[str, tuple[Hashable, ...]]:
         """The `competing` groups by their names, A and B."""
         return dict(zip("AB", self.competing, strict=False))
@@ -95,10 +91,6 @@ class AuditResult(Judged):
     def ranks(self) -> Int[Array, " M"]:
         """The place of each demonstration in the ranking, from 1, the most trusted, on."""
         return np.argsort(self.ranking()) + 1
-
-    def style(self, who: Demonstrator) -> str:
-        """The style of a demonstrator in words."""
-        return style_in_words(self.facts, self.lengths, [self.index(name) for name in who.demonstrations])
 
     @cached_property
     def facts(self) -> dict[str, tuple[Fact, ...]]:
@@ -234,11 +226,10 @@ class AuditResult(Judged):
             ],
             "demonstrators": [
                 {"name": who.name, "trust": asdict(who.trust) if who.trust else None}
-                | {"n_demonstrations": len(who.demonstrations), "style": self.style(who)}
-                | {"verdicts": self.verdict_counts(who.demonstrations)}
+                | {"n_demonstrations": len(who.demonstrations), "verdicts": self.verdict_counts(who.demonstrations)}
                 for who in self.demonstrators
             ],
-            **({"provenance": self.provenance} if self.provenance else {}),
+            **({"provenance": deepcopy(self.provenance)} if self.provenance else {}),
         }
 
 
