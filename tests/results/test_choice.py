@@ -18,7 +18,7 @@ from rpil.results.vocabulary import SIDES
 
 TABLE = {
     "id": ["a", "b", "c", "d", "e"],
-    "verdict": ["good", "bad", "open", "good", "open"],
+    "rejected_by": ["", "answers", "", "", ""],
     "expert_proba": [0.99, 0.02, 0.6, 0.95, 0.6],
     "log_odds": ["5", "-4", "0.4", "3", "0.4"],  # as in a file of text
 }
@@ -27,13 +27,13 @@ TABLE = {
 def table_of(words, labels=None, rules=None):
     ids = [f"d{m}" for m in range(len(words))]
     columns = {"id": ids, "verdict": list(words), "label": list([""] * len(words) if labels is None else labels)}
-    return columns if rules is None else {**columns, "rejected_by": list(rules)}
+    by_verdict = {"bad": "answers", "adversary": "adversary"}
+    return {**columns, "rejected_by": [by_verdict.get(word, "") for word in words] if rules is None else list(rules)}
 
 
 def rule_by_brute_force(table, faulty):
     """The rule of each demonstration, or nothing, in the words of docs/command-line.md, one demonstration at a time."""
-    by_verdict = [{"bad": "answers", "adversary": "adversary"}.get(word, "") for word in table["verdict"]]
-    rows = zip(table["id"], table["label"], table.get("rejected_by", by_verdict), strict=True)
+    rows = zip(table["id"], table["label"], table["rejected_by"], strict=True)
     rules = []
     for name, label, rule in rows:
         rule = "" if label and not (rule == "outcome" and label == "bad") else rule
@@ -165,16 +165,11 @@ def test_the_file_of_an_audit_says_the_same_as_the_audit(tmp_path):
     assert {*audit.choice.rejected} == {"labels", "outcome", "answers"}
 
 
-def test_words_of_a_named_adversary_are_read_and_unknown_ones_refused():
-    table = {"id": ["a", "b", "c"], "verdict": ["expert", "adversary", "open"]}
-    choice = choose(table)
-    assert (choice.kept, choice.rejected) == (("a", "c"), {"adversary": ("b",)})
-    with pytest.raises(DataError, match="Demonstration 'b': the verdict 'perhaps' is unknown; write one of good, exp"):
-        choose(table | {"verdict": ["good", "perhaps", "bad"]})
+def test_unknown_rules_are_refused():
     with pytest.raises(
         DataError, match="Demonstration 'c': the rejected by 'me' is unknown; write one of labels, outc"
     ):
-        choose(table | {"rejected_by": ["", "answers", "me"]})
+        choose({"id": ["a", "b", "c"], "rejected_by": ["", "answers", "me"]})
 
 
 def test_labels_are_verdicts(tmp_path):
@@ -187,11 +182,11 @@ def test_labels_are_verdicts(tmp_path):
 
 def test_a_choice_as_lists_and_lines():
     words = ["bad"] * 25 + ["good"] * 3
-    choice = choose({"id": range(28), "verdict": words})
+    choice = choose({"id": range(28), "rejected_by": ["answers" if word == "bad" else "" for word in words]})
     rejected = ", ".join(map(str, range(20)))
     assert choice.lines()[1] == f"  by inference from your answers: {rejected} and 5 more"
     assert choice.to_dict() == {"episodes": [25, 26, 27], "rejected": {"answers": [*range(25)]}}
-    named = choose({"id": [1, "b", 3], "verdict": ["outlier", "bad", "open"]})
+    named = choose({"id": [1, "b", 3], "rejected_by": ["", "answers", ""]})
     assert named.to_dict() == {"episodes": ["1", "3"], "rejected": {"answers": ["b"]}}
 
 
@@ -207,7 +202,7 @@ def test_files_that_are_no_verdicts_are_refused(tmp_path):
 
 
 def test_what_was_written_to_keep_is_carried_out_by_its_rules(tmp_path):
-    table = {"id": [1, 2, 3, 4], "verdict": ["bad", "good", "bad", "open"], "label": ["bad", "", "", ""]}
+    table = table_of(["bad", "good", "bad", "open"], ["bad", "", "", ""]) | {"id": [1, 2, 3, 4]}
     for spared, faulty in (({"1"}, {"4"}), (set(), {"2"}), ({"1", "3", "9"}, set())):
         choice = choose(table, None, faulty, spared)
         path = tmp_path / "keep.json"

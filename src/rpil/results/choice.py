@@ -27,7 +27,7 @@ from rpil.data.text import MAX_IDS, MAX_LISTED_NAMES, from_cell, listed, printab
 from rpil.formats import write_columns
 from rpil.results.judged import PROVENANCE_KEY
 from rpil.results.result import AuditResult
-from rpil.results.vocabulary import SIDES, WORSE
+from rpil.results.vocabulary import WORSE
 
 Table = Mapping[str, Sequence[object]]
 
@@ -40,9 +40,6 @@ KEEP_RULES = {
     "threshold": "below --share",
 }
 """The rules by which demonstrations are rejected, as text that follows a number; {0} is `failure`, {1} `told`."""
-
-RULES_OF_VERDICTS = {"bad": "answers", "adversary": "adversary"}
-"""The rule by which a verdict rejects, in a table that says no rule, a demonstration without a label."""
 
 
 @dataclass(frozen=True)
@@ -89,21 +86,19 @@ def choose(
 
     Those that are `spared`, ids as text, are, whatever speaks against them. Of the others labels, outcomes of 0 and the
     `faulty` ones come first, then a share in (0, 1] of those with the largest log-odds, or where there is none the
-    rules in the column rejected_by, or the verdicts where there is no such column. A `DataError` where the table, which
-    `AuditResult.table` or `read_verdicts` gave, has no numbers to choose by, or a verdict is none of an audit.
+    rules in the column rejected_by. A `DataError` where the table, which `AuditResult.table` or `read_verdicts` gave,
+    has no numbers to choose by, or an unknown rule.
     """
     ids = cast(Sequence[Id], table["id"])
     labels, said = (table.get(name, [""] * len(ids)) for name in ("label", "said"))
     kept, rejected = list[Id](), {rule: list[Id]() for rule in KEEP_RULES}
-    failure, notes, column = Choice.failure, list[str](), "rejected_by" if "rejected_by" in table else "verdict"
-    known, words = KEEP_RULES if column == "rejected_by" else SIDES, [str(word or "") for word in table[column]]
-    for name, word in zip(ids, words, strict=True):
-        if word and word not in known:
-            rest = f"{word!r} is unknown; write one of {', '.join(known)}"
-            raise DataError(f"Demonstration {name!r}: the {column.replace('_', ' ')} {rest}.")
-    every = zip(ids, labels, map(str, said), words, _below(table, share), strict=True)
-    for name, label, how, word, below in every:
-        by_audit = word if column == "rejected_by" else RULES_OF_VERDICTS.get(word, "")
+    failure, notes, rules = Choice.failure, list[str](), [str(rule or "") for rule in table["rejected_by"]]
+    for name, rule in zip(ids, rules, strict=True):
+        if rule and rule not in KEEP_RULES:
+            rest = f"{rule!r} is unknown; write one of {', '.join(KEEP_RULES)}"
+            raise DataError(f"Demonstration {name!r}: the rejected by {rest}.")
+    every = zip(ids, labels, map(str, said), rules, _below(table, share), strict=True)
+    for name, label, how, by_audit, below in every:
         is_spared, rule = str(name) in spared, "" if label else by_audit
         if label == "bad":
             rule = "labels"
@@ -125,9 +120,8 @@ def choose(
 
 
 def read_verdicts(path: StrPath) -> Table:
-    """The columns of a table of verdicts that an audit wrote to CSV, or of labels, which become verdicts, or of the
-    demonstrations to keep that an audit or a review wrote, with the rules that reject the others. A `DataError` where
-    the file cannot be read as such."""
+    """The columns of a table of verdicts that an audit wrote to CSV, or of labels, or of the demonstrations to keep
+    that an audit or a review wrote, with the rules that reject the others. A `DataError` where the file is none."""
     path = check_readable(check_extension(path, (".csv", ".json"), "verdicts"))
     with guarded(path.name, f"it cannot be read as {path.suffix[1:].upper()}", "write it again"):
         text = read_text(path, LARGEST_TABLE)
@@ -138,14 +132,14 @@ def read_verdicts(path: StrPath) -> Table:
                 raise DataError(f"{path.name}: it is not the list of rpil audit --keep; {remedy}.")
             rules = dict.fromkeys(kept["episodes"], "")
             rules |= {name: rule for rule in KEEP_RULES for name in kept["rejected"].get(rule, ())}
-            return {"id": [*rules], "verdict": ["open"] * len(rules), "rejected_by": [*rules.values()]}
+            return {"id": [*rules], "rejected_by": [*rules.values()]}
         rows = [*csv.DictReader(io.StringIO(text))]
         columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
-    if not {"id", "verdict"} <= {*columns}:
+    if not {"id", "rejected_by"} <= {*columns}:
         labels, _ = read_answers(path)
         if not labels:
             raise DataError(f"{path.name}: it labels no demonstration; give at least one id and label.")
-        return {"id": list(labels), "verdict": list(labels.values()), "label": list(labels.values())}
+        return {"id": list(labels), "rejected_by": [""] * len(labels), "label": list(labels.values())}
     return columns | {"id": [from_cell(str(name)) for name in columns["id"]]}
 
 
