@@ -12,7 +12,6 @@ from sklearn.metrics import roc_auc_score
 from problems import make, make_continuous
 from rpil import Settings
 from rpil.data.demonstrations import Demonstrations
-from rpil.estimators import passes
 from rpil.results.vocabulary import SIDES
 from rpil.scale.fit import JudgedSample
 from rpil.scale.local import LocalEngine
@@ -88,7 +87,7 @@ def test_engines_judge_copies_in_the_sample_once(monkeypatch):
     offsets = np.append(data.offsets, data.offsets[-1] + data.lengths[0] * np.arange(1, 61))
     more = Demonstrations(np.concatenate(rows), np.concatenate(actions), offsets)
     seen = []
-    monkeypatch.setattr(passes, "JudgedSample", lambda *parts: seen.append(parts[1]) or JudgedSample(*parts))
+    monkeypatch.setattr("rpil.scale.fit.JudgedSample", lambda *parts: seen.append(parts[1]) or JudgedSample(*parts))
     here, shared = (small_rpil(engine=engine).fit(more) for engine in (None, LocalEngine(n_shards=3)))
     np.testing.assert_array_equal(seen[0], seen[1])
     assert sum(m == 0 or m >= len(data) for m in seen[0].tolist()) == 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -170,10 +170,9 @@ class RPIL(PolicyEstimator):
             only demonstrations labelled bad.
         """
         labels = self.labels if labels is None else labels
-        given = self.get_params(deep=False)
-        chosen = {field.name: given[field.name] for field in fields(FitOptions) if field.name in given}
-        chosen |= {"settings": self.settings or Settings(), "progress": self.progress or (lambda _: None)}
-        options = FitOptions(**chosen)
+        settings, progress = self.settings or Settings(), self.progress or (lambda _: None)
+        run = self.random_state, settings, progress, self.engine
+        options = FitOptions(self.features, self.adversary, *run, self.policy, self.C, self.action_box)
         if not isinstance(X, Recording):
             if isinstance(X, Dataset):
                 see(self, X)
@@ -188,10 +187,11 @@ class RPIL(PolicyEstimator):
             return self._keep(task, replace(result, audit=audit))
         task, results = Task.of(X.demonstrations.select(slice(None)), self.action_box), [own for _, own in fits]
         options.progress("the policy")
-        learned = FitResult(audit, *final_policy(task, options, audit.step_weight))
         n_iter, bound = sum(own.n_iter for own in results), float(np.mean([own.lower_bound for own in results]))
         sound = all(own.converged for own in results)
-        return self._keep(task, replace(learned, n_iter=n_iter, lower_bound=bound, converged=sound))
+        return self._keep(
+            task, FitResult(audit, *final_policy(task, options, audit.step_weight), None, n_iter, bound, sound)
+        )
 
     def _keep(self, task: Task, fitted: FitResult) -> RPIL:
         """Copy the result of a fit."""

@@ -20,7 +20,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.fit_data import DemonstratorNames, Outcome, check_outcome, check_sessions, names_by_id
 from rpil.data.text import quoted
-from rpil.estimators.pipeline import FitOptions, FitResult, Settings, fit_full
+from rpil.estimators.pipeline import FitOptions, FitResult, Settings, fit_full, fit_sampled
 from rpil.estimators.task import Labels, Task, answers_of, are_names
 from rpil.formats import ReadOptions, opened, read_demonstrators
 from rpil.formats.columns import ColumnOptions, Names, check_options
@@ -184,7 +184,7 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
     least = sample.min_samples * sample.min_steps  # of data of which a sample is less, however few its coefficients
     may_sample = options.judges and options.policy is None and task.source.offsets[-1] > least
     if may_sample and sample.is_smaller_than(task.source.offsets, options.n_sampled_steps(task)):
-        from rpil.estimators.passes import fit_sampled as fit
+        fit = fit_sampled
     with threadpool_limits(1, "blas"):  # thin products gain nothing from threads, and can lose a lot
         result = fit(task, options, keeps_policy)
     own, prior = type(options.policy).__name__, options.settings.mixture.prior
