@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from rpil.segments.ranges import Segments
 
 
-TITLE, IN_MEMORY = "Audit of demonstrations", "in memory"
-"""The title of a page, and the name of data that have no other."""
-
 __all__ = ["Audit", "Demonstrator", "Interval"]
 
 
@@ -171,7 +168,7 @@ class Audit(AuditResult):
             del columns[name]  # an audit does not know these
         return data_frame({name: [column[m] for m in order] for name, column in columns.items()})
 
-    def to_html(self, path: StrPath, title: str = TITLE) -> None:
+    def to_html(self, path: StrPath, title: str = "Audit of demonstrations") -> None:
         """Write the report of ``rpil audit --report`` to a file: one page, which needs no network.
 
         The report has no recording faults, because an audit does not know them.
@@ -183,7 +180,7 @@ class Audit(AuditResult):
         """
         from rpil.results.html.page import About, write_page
 
-        write_page(path, self, About(title, IN_MEMORY))
+        write_page(path, self, About(title, "in memory"))
 
     def __repr__(self) -> str:
         doubts = [f"Doubt: {doubt}" for doubt in self.doubts]

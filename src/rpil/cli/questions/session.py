@@ -244,8 +244,6 @@ class Recorded:
 FRAME_WIDTH = 320
 """Pixels."""
 
-NOT_THERE = "There are no videos of these demonstrations in their folder."
-
 
 @dataclass(frozen=True)
 class EpisodeVideos:
@@ -277,7 +275,8 @@ class EpisodeVideos:
             return cls(top, fps, note=f"Videos are not shown. {error}")
         except MissingExtraError as error:
             return cls(top, fps, shots, note=str(error))
-        return cls(top, fps, shots, bool(shots), "" if shots else NOT_THERE)
+        none = "There are no videos of these demonstrations in their folder."
+        return cls(top, fps, shots, bool(shots), "" if shots else none)
 
     def of_one(self, m: int) -> dict[str, object]:
         """The videos of demonstration `m`: the camera, and where in its file in seconds; whether single frames can be
