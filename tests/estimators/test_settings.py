@@ -10,7 +10,6 @@ from sklearn.linear_model import LogisticRegression
 
 from problems import make, make_continuous, refused
 from rpil import RPIL, MixtureSettings, SampleSettings, Settings
-from rpil.estimators.reweight import ReweightOptions
 from rpil.inference.settings import AnswerSettings, HeldOutSettings, JudgeSettings, OutlierSettings
 from rpil.mixture.settings import DemonstratorSettings
 from rpil.numerics.regression import ErrorSettings
@@ -48,7 +47,6 @@ def test_error_settings_reach_the_scores_of_continuous_actions():
         (partial(SampleSettings, max_ratio=0.5), "max_ratio=0.5"),
         (partial(AscentSettings, max_passes=0), "max_passes=0 must be a whole number"),
         (partial(Settings, min_feature_weight=1.0), "min_feature_weight=1.0"),
-        (partial(ReweightOptions, patience=0), "patience=0"),
     ],
 )
 def test_invalid_values_of_settings_are_refused_in_one_sentence(record, words):

@@ -14,11 +14,11 @@ from rpil.data.copies import copies_among
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
-from rpil.estimators.task import ActionBox, Labels, Task, answers_of
+from rpil.estimators.task import Labels, Task, answers_of
 from rpil.inference.answers import check_copied_labels
 from rpil.inference.held_out import HeldOutModel, log_reference
 from rpil.inference.parts import ActionScale
-from rpil.inference.settings import JudgeSettings
+from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import judge, repeated
 from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, FeatureSettings
@@ -36,21 +36,17 @@ LogProb = Callable[[Any, Array, Array], object]
 Train = Callable[[Any, Array, Array, Array], object]
 
 
-@settings_record(min_gain="[0, inf)", min_weight="[0, inf)", random_state="[0, inf)")
-class ReweightOptions:
-    """The options of `reweight`, where the last four are described; the numbers were chosen by hand, not tuned."""
+PATIENCE, ROUND_GAIN, LEAST_TRAINED = 3, 1e-3, 1e-6
+"""Rounds without a gain after which training stops; the gain of a round on held-out steps, in nats a step, that counts
+as one; and the weight below which steps train no policy. Chosen by hand, not tuned."""
 
-    patience: int = 3
-    """Rounds without a gain after which training stops."""
-    min_gain: float = 1e-3
-    """Gain of a round on held-out steps, in nats a step, that counts as a gain."""
-    min_weight: float = 1e-6
-    """A policy is not trained on steps all of which have less weight."""
-    judge: JudgeSettings = JudgeSettings()
-    audit: AuditSettings = AuditSettings()
+
+@settings_record(random_state="[0, inf)")
+class ReweightOptions:
+    """The options of `reweight`, which describes them."""
+
     n_folds: int = 3
     max_rounds: int = 50
-    action_box: ActionBox | None = None
     random_state: int = 0
 
 
@@ -86,7 +82,7 @@ class TrainedPolicy(HeldOutModel):
     log_prob: LogProb
     train: Train
     fold: Array
-    options: ReweightOptions
+    max_rounds: int
     progress: Callable[[str], None]
     cache: dict[bytes, tuple[Array, int]] = field(default_factory=dict)
     """By the step weights: the held-out log-probabilities, and the round after which they were largest."""
@@ -98,7 +94,7 @@ class TrainedPolicy(HeldOutModel):
             log_prob, n_rounds = self._train_copies(weight)
             if self.fit_data.space.has_density:  # densities of actions in spreads, like the reference
                 log_prob = log_prob + np.log(ActionScale.of(self.fit_data).spread).sum()
-            settings = self.options.judge.held_out
+            settings = HeldOutSettings()
             q = log_reference(self.fit_data, np.ones(len(self.data), dtype=bool), settings)
             # log[(1 - eps) pi + eps q], as in `rpil.inference.held_out`
             with_lapses = np.logaddexp(np.log1p(-settings.lapse) + log_prob, np.log(settings.lapse) + q)
@@ -111,7 +107,7 @@ class TrainedPolicy(HeldOutModel):
         training = [np.flatnonzero((self.fold != k) | (n_folds == 1)) for k in range(n_folds)]
         before = None if self.cache else self._held_out(copies)
         largest, best, best_round = -np.inf, np.empty(len(weight)), 0
-        for n in range(1, self.options.max_rounds + 1):
+        for n in range(1, self.max_rounds + 1):
             self.progress(f"round {n}")
             copies = [self.train_round(copy, rows, weight) for copy, rows in zip(copies, training, strict=True)]
             log_prob = self._held_out(copies)
@@ -121,15 +117,15 @@ class TrainedPolicy(HeldOutModel):
                     "are copied, or make it within train."
                 )
             mean = float(weight @ log_prob / weight.sum())
-            if mean > largest + self.options.min_gain:
+            if mean > largest + ROUND_GAIN:
                 largest, best, best_round = mean, log_prob, n
-            elif n - best_round >= self.options.patience:
+            elif n - best_round >= PATIENCE:
                 break
         return best, best_round
 
     def train_round(self, policy: P, rows: Array, weight: Array) -> P:
         """The policy after one round of training on some rows."""
-        if weight[rows].max() < self.options.min_weight:  # a weighted mean of no steps is not a number
+        if weight[rows].max() < LEAST_TRAINED:  # a weighted mean of no steps is not a number
             return policy
         new = self.train(policy, self.data.observations[rows], self.data.actions[rows], weight[rows].copy())
         if new is None:
@@ -202,8 +198,8 @@ def reweight(
         evaluated on its training data: a policy that memorises explains bad actions as well as good ones.
     max_rounds : int, default=50
         Calls of `train` for a policy, at most; training stops when it gains nothing more on held-out steps.
-    action_box, random_state
-        As for `RPIL`; other options are those of `ReweightOptions`.
+    random_state : int, default=0
+        Seed of the folds.
 
     Raises
     ------
@@ -218,29 +214,29 @@ def reweight(
     """
     if not isinstance(demonstrations, Demonstrations):
         raise DataError(f"reweight needs Demonstrations, not {type(demonstrations).__name__}; see rpil.read.")
-    progress, chosen = progress or (lambda _: None), ReweightOptions(**options)
-    task = Task.of(demonstrations, chosen.action_box, answers_of(labels, None, demonstrations))
+    progress, chosen, settings = progress or (lambda _: None), ReweightOptions(**options), JudgeSettings()
+    n_folds = chosen.n_folds
+    task = Task.of(demonstrations, None, answers_of(labels, None, demonstrations))
     copies = copies_among(demonstrations)
     check_copied_labels(task.answers, copies.copy_of, demonstrations.ids, demonstrations.source)
-    if chosen.n_folds > len(copies.judged):
+    if n_folds > len(copies.judged):
         different = "different " * (copies.any and not copies.all_same)
         raise DataError(
-            f"n_folds={chosen.n_folds}, but there are {len(copies.judged)} {different}demonstrations; give fewer folds."
+            f"n_folds={n_folds}, but there are {len(copies.judged)} {different}demonstrations; give fewer folds."
         )
     once = demonstrations.select(copies.judged) if copies.any else demonstrations
     features = FeatureMap.fit("folded", once.observations, settings=FeatureSettings())
     data = task.data(once, features)
-    fold = data.per_step(deal(data, chosen.n_folds, chosen.random_state))
-    model = TrainedPolicy(policy, data, once, log_prob, train, fold, chosen, progress)
-    judgement = judge(data, model, chosen.judge, progress, data)
+    fold = data.per_step(deal(data, n_folds, chosen.random_state))
+    model = TrainedPolicy(policy, data, once, log_prob, train, fold, chosen.max_rounds, progress)
+    judgement = judge(data, model, settings, progress, data)
     n_rounds = model.cache[data.per_step(judgement.scores.fit.group.astype(float)).tobytes()][1]
     judgement = repeated(judgement, copies, demonstrations.offsets)
-    settings = replace(chosen.audit, judge=chosen.judge)
-    audit = audit_from_judgement(judgement, demonstrations, task.answers, task.demonstrators, settings)
+    audit = audit_from_judgement(judgement, demonstrations, task.answers, task.demonstrators, AuditSettings())
     audit = replace(audit, notes=tuple(filter(None, [*audit.notes, copies.sentence])))
     model = replace(model, data=demonstrations)  # the policy learns from copies as well
     for n in range(n_rounds):
         progress(f"training the policy: {n + 1} of {n_rounds}")
         policy = model.train_round(policy, np.arange(demonstrations.n_steps), audit.step_weight)
-    audit = replace(audit, method=(IN_SAMPLE_POLICY,) * (chosen.n_folds == 1))
+    audit = replace(audit, method=(IN_SAMPLE_POLICY,) * (n_folds == 1))
     return Reweighted(policy, audit, n_rounds, n_rounds < chosen.max_rounds)
