@@ -9,7 +9,7 @@ import pytest
 
 import rpil
 from rpil.data.demonstrations import Demonstrations
-from rpil.results.lost import lost_places
+from rpil.results.choice import lost_places
 
 NAMES = ("hand", "obs.3", "speed")
 

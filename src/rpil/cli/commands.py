@@ -143,7 +143,7 @@ class AuditRun:
     @cached_property
     def lost(self) -> tuple[str, ...]:
         """Sentences on what is lost with the rejected demonstrations."""
-        from rpil.results.lost import lost_places
+        from rpil.results.choice import lost_places
 
         return lost_places(self.recording.demonstrations, self.choice.kept)
 

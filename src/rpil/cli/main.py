@@ -128,8 +128,7 @@ def keep(file: str, output: str, share: float | None, verdicts: str | None, **op
     source, given = find(file), RunOptions.of(options)
     source.check_output(output, given.columns)
     with show_stages(given.quiet) as progress:
-        from rpil.results.choice import choose, verdicts_about
-        from rpil.results.lost import lost_places
+        from rpil.results.choice import choose, lost_places, verdicts_about
 
         waits, named = False, set[str]()
         if verdicts is None:

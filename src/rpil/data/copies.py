@@ -33,10 +33,7 @@ class Copies:
     def of(cls, contents: Shaped[Array, " M"]) -> Copies:
         """The copies among demonstrations with these `contents`, such as `digests` of them."""
         _, first, group = np.unique(contents, return_index=True, return_inverse=True)
-        order = np.argsort(first)
-        place = np.empty_like(order)
-        place[order] = np.arange(len(order))
-        return cls(first[order], place[group])
+        return cls(*np.unique(first[group], return_inverse=True))
 
     @property
     def any(self) -> bool:
