@@ -10,8 +10,8 @@ import numpy as np
 
 from rpil.inference.answers import Answers
 from rpil.results.answering import rejecting_rules
-from rpil.results.judged import AuditSettings
-from rpil.results.record import Audit, Interval
+from rpil.results.judged import AuditSettings, Interval
+from rpil.results.record import Audit
 from rpil.results.vocabulary import SIDES, Verdict
 
 

@@ -28,7 +28,7 @@ BUDGETS = {
     "mixture": (797, 20),
     "numerics": (584, 16),
     "policies": (1267, 49),
-    "results": (2461, 43),
+    "results": (2452, 43),
     "scale": (593, 20),
     "segments": (499, 19),
     "simulation": (426, 0),

@@ -18,7 +18,7 @@ from rpil.cli.terminal import THEN_RUN
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.results.answering import question
-from rpil.results.record import Demonstrator, Interval
+from rpil.results.judged import Demonstrator, Interval
 
 COMMAND = ["rpil", "audit", "a folder with a long name/of some drives.csv", "--id", "driver", "--action", "steering"]
 VERDICTS = ("outlier",) * 12 + ("open",) * 28

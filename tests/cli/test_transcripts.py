@@ -29,7 +29,7 @@ FILES = {
     "columns.csv": "id,what\n1,bad\n",
     "opposed.csv": "id,label\n3,same as 4\n4,better than 3\n",
     "all-bad.csv": "id,label\n" + "".join(f"{m},bad\n" for m in range(24)),
-    "twice.csv": "id,verdict,label\n0,bad,bad\n1,good,\n0,good,\n",
+    "twice.csv": "id,verdict,rejected_by,label\n0,bad,labels,bad\n1,good,,\n0,good,,\n",
     "who.csv": "id,demonstrator\n0,Ann\n77,Ann\n",
 }
 """What a user has written, by name."""

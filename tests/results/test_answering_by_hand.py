@@ -23,8 +23,8 @@ from rpil.results.answering import (
     rejecting_rules,
     where_to_look,
 )
+from rpil.results.judged import Demonstrator, Interval
 from rpil.results.reasons import TWO_GROUPS, worst_stretch
-from rpil.results.record import Demonstrator, Interval
 from rpil.results.vocabulary import VOCABULARIES
 
 OF_GROUPS, OF_ALL = f"{TWO_GROUPS}B is shorter.", "Part 3 rests."

@@ -196,6 +196,9 @@ def test_files_that_are_no_verdicts_are_refused(tmp_path):
         (tmp_path / "v.json").write_text(text)
         with pytest.raises(DataError, match=rf"v\.json: .*{said}"):
             read_verdicts(tmp_path / "v.json")
+    (tmp_path / "old.csv").write_text("id,verdict,label\n1,good,\n")
+    with pytest.raises(DataError, match=r"old\.csv: it has no column rejected_by; write it again with rpil audit"):
+        read_verdicts(tmp_path / "old.csv")
     (tmp_path / "pairs.csv").write_text("id,label\n1,better than 2\n")
     with pytest.raises(DataError, match=r"pairs\.csv: it labels no demonstration"):
         read_verdicts(tmp_path / "pairs.csv")

@@ -14,7 +14,8 @@ from audits import make_audit
 from html_page import Page
 from rpil.data.errors import DataError
 from rpil.results.answering import looking_order
-from rpil.results.record import Audit, Demonstrator, Interval
+from rpil.results.judged import Demonstrator, Interval
+from rpil.results.record import Audit
 
 
 def test_a_frame_has_the_demonstrations_in_the_order_of_looking():

@@ -16,9 +16,9 @@ from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import CHANNELS
 from rpil.inference.outliers import Claims
 from rpil.mixture.em import MixtureFit, Posterior
-from rpil.results.judged import AuditSettings
+from rpil.results.judged import AuditSettings, Interval
 from rpil.results.reasons import TWO_GROUPS
-from rpil.results.record import Audit, Interval
+from rpil.results.record import Audit
 from rpil.results.summary import audit_from_mixture, notes_of, parts_not_judged, whom_it_trusts
 
 IDS = ("a", "b", "c", "d", "e")

@@ -9,8 +9,7 @@ from audits import make_audit
 from rpil.estimators.within_tasks import split_by_task
 from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
-from rpil.results.judged import ALONE
-from rpil.results.record import Interval
+from rpil.results.judged import ALONE, Interval
 from rpil.results.tasks import join_audits
 
 IDS, NAN = (0, "a", 1, "b", "c"), np.nan

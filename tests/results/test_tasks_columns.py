@@ -10,9 +10,8 @@ import pytest
 from audits import make_audit
 from rpil import Audit
 from rpil.inference.answers import Answers
-from rpil.results.judged import Judged, table_fields
+from rpil.results.judged import Demonstrator, Interval, Judged, table_fields
 from rpil.results.reasons import FIFTHS
-from rpil.results.record import Demonstrator, Interval
 from rpil.results.tasks import first_of, join_audits
 
 IDS = tuple(f"d{k}" for k in range(10))

@@ -31,8 +31,8 @@ from rpil.numerics.types import Array
 from rpil.policies.features import FeatureMap, ridge_of
 from rpil.policies.settings import CrossFitSettings, SelectionSettings
 from rpil.results import summary
-from rpil.results.judged import AuditSettings
-from rpil.results.record import Audit, Interval
+from rpil.results.judged import AuditSettings, Interval
+from rpil.results.record import Audit
 from rpil.results.step_weights import of_demonstrations, weights_of
 from rpil.scale.settings import AscentSettings, SampleSettings
 

@@ -143,6 +143,8 @@ def read_verdicts(path: StrPath) -> Table:
             return {"id": [*rules], "rejected_by": [*rules.values()]}
         rows = [*csv.DictReader(io.StringIO(text))]
         columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else ())}
+    if "verdict" in columns and "rejected_by" not in columns:
+        raise DataError(f"{path.name}: it has no column rejected_by; write it again with rpil audit --verdicts.")
     if not {"id", "rejected_by"} <= {*columns}:
         labels, _ = read_answers(path)
         if not labels:

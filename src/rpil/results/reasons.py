@@ -36,7 +36,6 @@ THROUGHOUT = "nearly throughout"
 AT_STEP = re.compile(r"at step (\d+): ")
 """How a deviation begins that is seen in one step."""
 
-NOBODY = "no outliers"
 FIFTHS = "Lowest fifth", "Below the middle", "In the middle", "Above the middle", "Highest fifth"
 
 
@@ -116,18 +115,15 @@ def _by_answers(audit: Judged, m: int, answers: Answers, said: str) -> str:
 def _by_scores(audit: Judged, m: int, rank: int, group: str) -> str:
     """The reason where no answer decided about demonstration `m`, of `group` A, B or nothing, which scores higher than
     `rank` others."""
-    vocabulary, log_odds, verdict, finding = (
-        audit.vocabulary,
-        float(audit.log_odds[m]),
-        audit.verdicts[m],
-        audit.finding,
-    )
+    vocabulary, log_odds = audit.vocabulary, float(audit.log_odds[m])
+    verdict, finding = audit.verdicts[m], audit.finding
     if finding in ("a group apart", "two groups"):
         return f"Acts as group {group} does; only an answer can tell which is good" if group else "In neither group"
     if finding == "nothing could be learned":
         return "Nothing could be learned"
     if finding == "no outliers" or (verdict == "open" and audit.anchor == "none"):
-        return f"{FIFTHS[5 * rank // len(audit.ids)]} of the ranking{', not clearly different' * (finding == NOBODY)}"
+        fifth = FIFTHS[5 * rank // len(audit.ids)]
+        return f"{fifth} of the ranking{', not clearly different' * (finding == 'no outliers')}"
     if verdict == "open" and abs(log_odds) < logit(audit.settings.min_proba(audit.anchor)):
         return f"Its score is between those of {vocabulary.upper} and {vocabulary.lower} ones"
     if verdict == "open":

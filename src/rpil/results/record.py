@@ -15,7 +15,6 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.text import DataFrame, data_frame
 from rpil.results.answering import looking_order
-from rpil.results.judged import Demonstrator, Interval
 from rpil.results.result import AuditResult, first_sentence, headline, verdict_sentence
 
 if TYPE_CHECKING:
@@ -24,9 +23,6 @@ if TYPE_CHECKING:
     from rpil.results.choice import Choice
     from rpil.results.plots import AuditPlots
     from rpil.segments.ranges import Segments
-
-
-__all__ = ["Audit", "Demonstrator", "Interval"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -19,7 +19,8 @@ from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.results.answering import looking_order
 from rpil.results.html.page import About, write_page
-from rpil.results.record import Audit, Demonstrator
+from rpil.results.judged import Demonstrator
+from rpil.results.record import Audit
 from rpil.segments.ranges import Segments
 
 pytestmark = [pytest.mark.slow, needs_chromium]

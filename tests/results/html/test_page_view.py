@@ -13,8 +13,9 @@ from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.results.answering import looking_order
 from rpil.results.html.page import About, make_view, render_page
+from rpil.results.judged import Demonstrator, Interval
 from rpil.results.reasons import TWO_GROUPS, worst_stretch
-from rpil.results.record import Audit, Demonstrator, Interval
+from rpil.results.record import Audit
 
 
 def view(audit: Audit, **about):

@@ -87,11 +87,8 @@ def make_view(audit: AuditResult, about: About, drawn: int = MAX_DRAWN) -> View:
     """
     order, n_review = looking_order(audit)
     places, counts = {name: m for m, name in enumerate(audit.ids)}, audit.verdict_counts()
-    labels, compared = (
-        audit.answers.labels.tolist(),
-        {"better than": audit.answers.pairs, "same as": audit.answers.tied},
-    )
-    answers = [[m, "good" if sign > 0 else "bad"] for m, sign in enumerate(labels) if sign]
+    compared = {"better than": audit.answers.pairs, "same as": audit.answers.tied}
+    answers = [[m, "good" if sign > 0 else "bad"] for m, sign in enumerate(audit.answers.labels.tolist()) if sign]
     answers += ([a, f"{word} {audit.ids[b]}"] for word, pairs in compared.items() for a, b in pairs.tolist())
     segments = defaultdict[str, list[list[object]]](list)  # of those that are drawn, and others with a reason
     if (found := about.segments) is not None:
