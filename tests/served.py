@@ -98,7 +98,7 @@ def serving(review):
     """A client of a server that runs in a thread until the block ends."""
     import uvicorn
 
-    with listen(0) as at:
+    with listen() as at:
         gate = Gate(at.getsockname()[1])
         config = uvicorn.Config(
             application(review, gate), log_level="warning", ws="none", lifespan="off", timeout_graceful_shutdown=1

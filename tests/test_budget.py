@@ -19,16 +19,16 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (2231, 22),
-    "data": (2429, 28),
-    "estimators": (1868, 18),
+    "cli": (2221, 22),
+    "data": (2428, 28),
+    "estimators": (1867, 18),
     "faults": (2983, 122),
     "formats": (5359, 57),
     "inference": (2196, 92),
     "mixture": (797, 20),
     "numerics": (584, 16),
     "policies": (1267, 49),
-    "results": (2452, 43),
+    "results": (2449, 43),
     "scale": (593, 20),
     "segments": (499, 19),
     "simulation": (426, 0),

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 MAX_QUESTIONS = 8
 """Questions that one run asks at most."""
 
-WITHOUT = "labels", "quiet", "memory", "port", "browser"
+WITHOUT = "labels", "quiet", "memory", "browser"
 """Options that an audit with the answers does not need, or does not have."""
 
 BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.parquet"}
@@ -137,16 +137,10 @@ def _read_key(keys: Mapping[str, str]) -> tuple[str, str]:
 
 @click.command()
 @click.argument("file", type=click.Path())
-@click.option(
-    "--port",
-    type=click.IntRange(1024, 65535),
-    metavar="PORT",
-    help="The port of the page on this computer; by default one that is free.",
-)
 @click.option("--browser/--no-browser", default=True, help="Open the page in a browser, or print its address alone.")
 @with_options(*LABEL_OPTIONS)
 @click.pass_context
-def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **options: Value) -> None:
+def review(ctx: click.Context, /, file: str, browser: bool, **options: Value) -> None:
     """Look at demonstrations on a page of this computer, answer, and see what each answer changes.
 
     The page asks the questions of rpil label. It writes each answer at once to labels.csv, or the file of --labels,
@@ -157,7 +151,7 @@ def review(ctx: click.Context, /, file: str, port: int | None, browser: bool, **
 
     for name in ("starlette", "uvicorn"):
         optional(name, "To review on a page", "review")
-    with listen(port or 0) as listening, TemporaryDirectory(prefix="rpil-") if browser else nullcontext() as folder:
+    with listen() as listening, TemporaryDirectory(prefix="rpil-") if browser else nullcontext() as folder:
         quiet = options["quiet"]
         with terminal.print_warnings():  # now, not when the page is closed
             run, session = begin(file, options, None)

@@ -39,7 +39,6 @@ Class = TypeVar("Class", bound=type)
 NOT_STORED = {"stored": False}
 """Metadata of a dataclass field that files do not hold; it has a default."""
 
-
 CLASSES: dict[str, tuple[type, Mapping[str, str], tuple[str, ...]]] = {}
 """Registered classes by their names in files, with the axes of their arrays and the `renews` of `stored`."""
 

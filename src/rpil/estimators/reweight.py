@@ -35,7 +35,6 @@ P = TypeVar("P")
 LogProb = Callable[[Any, Array, Array], object]
 Train = Callable[[Any, Array, Array, Array], object]
 
-
 PATIENCE, ROUND_GAIN, LEAST_TRAINED = 3, 1e-3, 1e-6
 """Rounds without a gain after which training stops; the gain of a round on held-out steps, in nats a step, that counts
 as one; and the weight below which steps train no policy. Chosen by hand, not tuned."""

@@ -123,7 +123,6 @@ MAX_DRAWN = 300
 MAX_POINTS = 400
 """Points of a curve over the steps of a demonstration; of more steps, each point is the mean over some of them."""
 
-
 ALONE = "Not judged: it is the only demonstration of its task or session."
 """The reason for a verdict that is open for want of other demonstrations."""
 

@@ -18,8 +18,6 @@ from rpil.results.answering import rejecting_rules
 from rpil.results.judged import AuditSettings, Interval, table_fields
 from rpil.results.record import Audit
 
-_FINDINGS = tuple(FINDINGS)
-
 
 def first_of(audit: Audit, ids: Sequence[Hashable]) -> Audit:
     """The audit of its first demonstrations alone, which get the names `ids`, as they were judged among all.
@@ -93,7 +91,7 @@ def join_audits(
         columns["columns"] = np.empty((len(ids), 0))
     copies = [own[part.copy_of] for part, own in zip(parts, rows, strict=True)]
     shares = [(audit.prior.mean, audit.prior.low, audit.prior.high) for audit in parts] or [(0.5, 0.0, 1.0)]
-    finding = min((audit.finding for audit in parts), key=_FINDINGS.index, default=_FINDINGS[-1])
+    finding = min((audit.finding for audit in parts), key=[*FINDINGS].index, default=[*FINDINGS][-1])
     opposed = next((audit for audit in parts if not audit.identifiable and audit.finding == finding), None)
     joined = kind(
         **columns,

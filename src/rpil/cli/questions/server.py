@@ -275,12 +275,9 @@ def _changed(review: Review, change: PageChange, body: bytes) -> tuple[View, int
             return {"error": error.in_shell}, 400
 
 
-def listen(port: int) -> socket.socket:
-    """A socket of this computer alone, at any free port where `port` is 0; a `DataError` where it is in use."""
-    try:
-        return socket.create_server(("127.0.0.1", port))
-    except OSError as error:
-        raise DataError(f"Port {port} cannot be used ({error.strerror}); give another --port, or none.") from error
+def listen() -> socket.socket:
+    """A socket of this computer alone, at any free port."""
+    return socket.create_server(("127.0.0.1", 0))
 
 
 def serve(served: Application, at: socket.socket) -> None:

@@ -40,7 +40,6 @@ MIN_QUESTIONS = 4
 Question = tuple[Hashable, ...]
 """Two demonstrations to compare, one to judge, or nothing that is left to ask."""
 
-
 Reply = tuple[Question, str, str, *tuple[int, ...]]
 """A question, the key that was given as its answer, one of its `choices`, a note, and rows that it is about alone."""
 
