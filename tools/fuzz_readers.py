@@ -137,7 +137,10 @@ READERS: dict[str, tuple[Maker, Reader]] = {
     **{name: (make, read_data) for name, make in SAMPLES.items()},
     "policy": (policy, lambda path, _: rpil.load(path)),
     "labels, CSV": (text("l.csv", CSV_LABELS), lambda path, _: read_answers(path)),
-    "verdicts, CSV": (text("v.csv", "id,verdict\né0,expert\nb,adversary\n"), lambda path, _: read_verdicts(path)),
+    "verdicts, CSV": (
+        text("v.csv", "id,verdict,rejected_by\né0,expert,\nb,adversary,adversary\n"),
+        lambda path, _: read_verdicts(path),
+    ),
     "expected, JSON": (text("e.json", RULES), lambda path, _: read_expected(path)),
 }
 

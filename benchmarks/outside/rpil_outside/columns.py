@@ -72,7 +72,8 @@ def by_weights(case: Case) -> Deed:
 def by_answers(count: int, asked: bool, weighs: bool, case: Case) -> Deed:
     audit: Audit = case.answered(count, asked)
     weights = np.asarray(audit.step_weight) if weighs else case.kept(audit)
-    return Deed(audit.log_odds, weights, tuple(map(str, audit.labelled)))
+    told = np.flatnonzero(audit.answers.labels).tolist()
+    return Deed(audit.log_odds, weights, tuple(str(audit.ids[m]) for m in told))
 
 
 OURS: dict[str, Callable[[Case], Deed]] = {
