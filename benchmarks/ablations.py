@@ -12,7 +12,8 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from multiprocessing import Pool
@@ -28,7 +29,7 @@ from claims import Job, Row, auroc
 from options import asked, output, write_json
 from provenance import line, provenance
 from rpil import Settings
-from rpil.inference import scores
+from rpil.inference import outliers, scores
 from rpil.inference.settings import AnswerSettings, JudgeSettings
 from worlds import kinds
 from worlds.simulated import of_paper
@@ -37,7 +38,11 @@ DEFAULT = "the default"
 DRAWS, LABELS = 5, 8
 FAMILIES = ("recorded", "half", "walks", "point mass", "paper", "plain", *kinds.KINDS)
 NEVER = 1e9
-INDEPENDENT = "steps as independent"
+WITHOUT: dict[str, tuple[Any, str, Callable[..., Any]]] = {
+    "steps as independent": (scores, "dependence", lambda data, *_: np.zeros(data.n_demonstrations)),
+    "own rules are linear": (outliers, "neighbour_gain", lambda *_: -np.inf),
+}
+"""Rules without a setting: where each is, and what takes its place."""
 
 RULES: dict[str, tuple[str, dict[str, Any]]] = {
     DEFAULT: ("", {}),
@@ -56,7 +61,7 @@ RULES: dict[str, tuple[str, dict[str, Any]]] = {
     "five folds of few demonstrations too": ("held_out", {"max_left_out": 0}),
     "error bars as they are (noise_shares 1)": ("groups", {"noise_shares": (1.0,)}),
     "no prior on the spread of a group": ("groups", {"prior_spread": 1e-6}),
-    INDEPENDENT: ("", {}),
+    **dict.fromkeys(WITHOUT, ("", {})),
     "no monotony": ("", {"monotony": 0.0}),
     "own variance of each demonstration (variance_steps 0)": ("", {"variance_steps": 0.0}),
 }
@@ -108,8 +113,7 @@ def audited(name: str, job: Job) -> Row:
     stage, values = RULES[name]
     judge = JudgeSettings()
     judge = replace(judge, **({stage: replace(getattr(judge, stage), **values)} if stage else values))
-    counted = (lambda data, *_: np.zeros(data.n_demonstrations)) if name == INDEPENDENT else scores.dependence
-    with patch.object(scores, "dependence", counted):
+    with patch.object(*WITHOUT[name]) if name in WITHOUT else nullcontext():
         return claims.audited(job, Settings(judge=judge))
 
 

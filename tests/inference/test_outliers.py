@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -14,8 +15,9 @@ from hand_made import same_actions, scores_of, scoring_of
 from problems import make
 from rpil.data.copies import Copies
 from rpil.data.demonstrations import Demonstrations
-from rpil.inference.held_out import log_reference
-from rpil.inference.outliers import Claims, claim, lower_part, own_gain, telling_pair, widened
+from rpil.inference import outliers
+from rpil.inference.held_out import frequencies, indicators, log_densities, log_reference
+from rpil.inference.outliers import Claims, lower_part, neighbour_gain, own_gain, telling_pair, widened
 from rpil.inference.scores import dependence
 from rpil.inference.settings import HeldOutSettings, JudgeSettings, OutlierSettings
 
@@ -30,6 +32,12 @@ def scored(score=SCORE, p_two=0.999, upper=1.0, own=0.0, deviation=0.1, discrete
     gains = lambda group: np.where(group, upper if group[0] else own, -9.0)  # noqa: E731
     scoring = scoring_of(same_actions(len(score), discrete), gains, settings)
     return scoring, scores_of(scoring, score, p_two, deviation)
+
+
+def claim(scoring, scores):
+    """The claims where nearest states explain nothing: demonstrations made by hand are all alike."""
+    with patch.object(outliers, "neighbour_gain", lambda *_: -np.inf):
+        return outliers.claim(scoring, scores)
 
 
 def said(*arguments, **given):
@@ -90,6 +98,41 @@ def test_those_who_act_alike_are_a_group_apart_up_to_a_third(n_lower):
     score, finding = [*UPPER, *np.zeros(n_lower)], "a group apart" if n_lower <= 3 else "two groups"
     assert said(score, own=0.9) == (finding, [*range(6, 6 + n_lower)])
     assert said(score, own=0.1)[0] == "outliers"
+
+
+@pytest.mark.parametrize(("upper", "own", "is_noise"), [(2.0, 0.91, False), (2.0, 0.89, True), (1.0, 0.46, True)])
+def test_a_policy_of_the_nearest_states_counts_if_it_explains_more(upper, own, is_noise):
+    gains = lambda group, *_: upper if group[0] else own  # noqa: E731
+    with patch.object(outliers, "neighbour_gain", gains):
+        found = outliers.claim(*scored(upper=1.1, own=0.1))
+    assert found.finding == ("outliers" if is_noise else "a group apart")
+
+
+@pytest.mark.parametrize("discrete", [False, True])
+def test_nearest_states_of_other_members_predict_actions(discrete):
+    data, group = same_actions(4, discrete), np.array([True, True, False, True])
+    data = replace(data, features=2.0**data.features)  # no two states are as far from a third
+    settings, steps = HeldOutSettings(), data.lengths[0]
+    actions, state = indicators(data)[:steps], np.arange(steps)
+    nearest = [sorted([*state, *state], key=lambda j: abs(2.0**j - 2.0**i))[:5] for i in range(steps)]
+    expected = np.array([actions[near].mean(axis=0) for near in nearest])
+    if discrete:
+        proba = 0.99 * expected[state, data.actions[:steps]] + 0.01 * frequencies(data)[data.actions[:steps]]
+        log_prob = np.log(proba)
+    else:
+        log_prob = log_densities(actions - expected, np.ones(steps), settings).sum(axis=1)
+    over = log_prob - log_reference(data, group, settings)[:steps]
+    assert neighbour_gain(group, data, settings) == pytest.approx(over.mean())
+    assert neighbour_gain(np.arange(4) == 1, data, settings) == -np.inf, "the only member"
+
+
+def test_a_minority_whose_rule_is_not_linear_is_a_group_apart():
+    rng = np.random.default_rng(0)
+    states = rng.uniform(-1, 1, size=(40, 50, 2))
+    actions = np.where(np.arange(40)[:, None, None] < 8, np.abs(states), states) + 0.05 * rng.normal(size=states.shape)
+    audit = rpil.audit(Demonstrations.from_episodes(zip(states, actions, strict=True)))
+    assert audit.finding == "a group apart"
+    assert sorted(audit.competing[1]) == [*range(8)]
 
 
 def test_more_than_half_are_no_outliers_and_no_policy_is_fitted():
@@ -177,9 +220,9 @@ def test_good_ones_in_states_that_the_policy_fits_badly_are_no_outliers():
     actions = np.tanh(-states[..., :1]) + 0.05 * rng.normal(size=(60, 60, 1))
     actions[:6] = rng.uniform(-1, 1, size=(6, 60, 1))
     data = Demonstrations.from_episodes(zip(states, actions, strict=True))
-    outliers = {m for m, verdict in enumerate(rpil.audit(data).verdicts) if verdict == "outlier"}
-    assert outliers >= {*range(6)}
-    assert len(outliers) <= 8  # 10 without the errors of scores
+    named = {m for m, verdict in enumerate(rpil.audit(data).verdicts) if verdict == "outlier"}
+    assert named >= {*range(6)}
+    assert len(named) <= 8  # 10 without the errors of scores
 
 
 def test_steps_that_depend_on_their_neighbours_make_a_mean_less_sure():

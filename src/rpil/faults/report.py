@@ -74,9 +74,10 @@ class FaultReport:
         Demonstrations with idle ends, usual or not: the first step to keep, and the first after those to keep.
     n_demonstrations, n_steps : int
     set_aside : tuple of ids
-        Demonstrations that could not be read on, because values are missing, and were left out.
+        Demonstrations that were left out, because values are missing.
     n_expected : int
-        Findings that were left out because they are so on purpose.
+        Findings that were left out, because ``--expected`` lists them.
+    ids, groups : tuple of ids, and the groups in which a file or folder has them
     """
 
     findings: tuple[Fault, ...]
@@ -131,7 +132,7 @@ class FaultReport:
 
     @property
     def odd(self) -> tuple[Id, ...]:
-        """Ids of the demonstrations in which something is found that much of the set has not, the worst first."""
+        """Ids of the demonstrations with a finding that at most a quarter of all have, the worst first."""
         return tuple(dict.fromkeys(found.id for found in self.lines if found.id != ""))
 
     @property

@@ -7,10 +7,11 @@ The lower part of M demonstrations, by their scores y_m and the groups of these 
 
 Of up to half of all, they are outliers where their own policy explains them less well than `max_own_gain` times as the
 policy of the others explains these, each held out, in nats a step above their own actions whatever the state: noise has
-no policy. Those far below must be so by sqrt(d^2 + u_m), too: d is the deviation, and u_m the variance of y_m because
-steps depend on their neighbours, which is large where the policy fits some states badly. Else they act alike, and
-nobody can say without an answer whether they are worse: up to `max_share` of all they are a group apart, and more are
-one of two groups. Nothing here says who is good.
+no policy. The policy is linear, or takes the actions of the nearest states, if that explains more. Those far below must
+be so by sqrt(d^2 + u_m), too: d is the deviation, and u_m the variance of y_m because steps depend on their neighbours,
+which is large where the policy fits some states badly. Else they act alike, and nobody can say without an answer
+whether they are worse: up to `max_share` of all they are a group apart, and more are one of two groups. Nothing here
+says who is good.
 """
 
 from __future__ import annotations
@@ -18,15 +19,20 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.distance import cdist
 from scipy.special import logit
 
 from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
+from rpil.data.spaces import Discrete
 from rpil.inference.findings import Finding
-from rpil.inference.held_out import HeldOutModel, log_reference
+from rpil.inference.held_out import HeldOutModel, frequencies, indicators, log_densities, log_reference, with_lapses
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import HeldOutSettings, OutlierSettings
+from rpil.numerics.regression import MIN_WEIGHT
 from rpil.numerics.types import Array, Bool, Float, Int
+
+N_NEIGHBOURS, MAX_STEPS = 5, 1_000  # chosen by hand, not tuned
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +70,11 @@ def claim(scoring: Scoring, scores: Scores) -> Claims:
     lower = lower_part(scores, settings)
     if 2 * lower.sum() <= len(lower) and lower.any():
         given = scoring.data, scoring.model, scores.fit.ridge, scoring.settings.held_out
-        gain_upper, own = (own_gain(group, *given) for group in (~lower, lower))
-        if gain_upper <= 0:
+        linear = [own_gain(group, *given) for group in (~lower, lower)]
+        if linear[0] <= 0:
             return Claims("nothing could be learned", nobody)
+        nearest = [neighbour_gain(group, scoring.data, scoring.settings.held_out) for group in (~lower, lower)]
+        gain_upper, own = np.maximum(linear, nearest)
         if own <= settings.max_own_gain * gain_upper:
             lower = lower_part(scores, settings, sure=True)
             if lower.any():
@@ -109,6 +117,28 @@ def own_gain(
     """The median gain, in nats a step, of a `group` by its own policy, held out, against its own reference."""
     log_prob = model.evaluate(data.per_step(group.astype(float)), ridge)
     return float(np.median(data.mean_steps(log_prob - log_reference(data, group, settings))[group]))
+
+
+def neighbour_gain(group: Bool[Array, " M"], data: FitData, settings: HeldOutSettings) -> float:
+    """`own_gain` by the mean action in the `N_NEIGHBOURS` nearest states of the other members, in place of a linear
+    policy; of many steps, by every second, third and so on. -inf where only one member has such steps."""
+    rows = np.flatnonzero(data.per_step(group))
+    rows = rows[:: -(-len(rows) // MAX_STEPS)]
+    owner = data.per_step(np.arange(len(group)))[rows]
+    k = min(N_NEIGHBOURS, len(rows) - int(np.bincount(owner).max()))
+    if k == 0:
+        return -np.inf
+    states, actions = data.features[rows], indicators(data)[rows]
+    distance = np.where(owner[:, None] == owner, np.inf, cdist(states, states, "sqeuclidean"))
+    mean = actions[np.argpartition(distance, k - 1, axis=1)[:, :k]].mean(axis=1)
+    if isinstance(data.space, Discrete):
+        log_proba = np.log(np.maximum(mean, MIN_WEIGHT))
+        log_prob = with_lapses(log_proba, frequencies(data), data.actions[rows], settings.lapse)
+    else:
+        log_prob = log_densities(actions - mean, np.ones(len(rows)), settings).sum(axis=1)
+    gain = np.bincount(owner, log_prob - log_reference(data, group, settings)[rows], len(group))
+    n_steps = np.bincount(owner, minlength=len(group))
+    return float(np.median(gain[n_steps > 0] / n_steps[n_steps > 0]))
 
 
 def telling_pair(claims: Claims, log_odds: Float[Array, " M"]) -> tuple[int, int] | None:
