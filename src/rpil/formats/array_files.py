@@ -29,7 +29,6 @@ from rpil.formats.table_folder import has_tables
 from rpil.numerics.types import Array
 
 _NPZ, _HDF5 = (".npz",), (".hdf5", ".h5")
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _FILE_NAME, _GROUP_NAME = "name of the file", "name of the group"
 _STATES = "There are no observations: the simulator's states are used; dataset_states_to_obs.py writes some."
 
@@ -41,17 +40,14 @@ _ATTRIBUTES = {
 
 
 def claims(path: Path) -> bool:
-    """Whether `path` is such a file, by its name or its first bytes, or a folder of such files and of no tables."""
+    """Whether `path` is such a file, by its name, or a folder of such files and of no tables."""
     if path.is_dir() or is_zarr(path):
         return is_zarr(path) or (not has_tables(path) and bool(_files(path)))
-    return path.is_file() and (path.suffix.lower() in _NPZ or _is_hdf5(path))
+    return path.is_file() and path.suffix.lower() in (*_NPZ, *_HDF5)
 
 
 def _is_hdf5(path: Path) -> bool:
-    if path.suffix.lower() in (*_NPZ, *_HDF5):
-        return path.suffix.lower() in _HDF5
-    with path.open("rb") as file:
-        return file.read(len(_SIGNATURE)) == _SIGNATURE
+    return path.suffix.lower() in _HDF5
 
 
 def _open(path: Path, options: ColumnOptions = ColumnOptions(), where: str = "") -> Arrays:

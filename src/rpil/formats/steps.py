@@ -29,10 +29,6 @@ _BATCHES_AT_ONCE = 16
 """Batches that are put in another order together, each of which may be all over the file."""
 
 
-class NoCopyError(DataError):
-    """No copy on disk can be written."""
-
-
 class ArrowFile:
     """A temporary file of Arrow with batches of `n_batch` rows; it goes with the object that wrote it.
 
@@ -138,7 +134,7 @@ def _writing(name: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise NoCopyError(
+        raise DataError(
             f"{name}: a copy of its rows cannot be written to {tempfile.gettempdir()} "
             f"({error.strerror or 'it cannot be used'}); set TMPDIR to another folder, or allow more with --memory."
         ) from error
