@@ -122,9 +122,6 @@ class _Search:
             *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, tuple(parts), operator),
             *(task, by_column(ignored, self.lists), options, tuple(times), session, outcomes),
             lists=self.lists,
-            source=self.source,
-            id_chosen=options.id is not None,
-            made=() if episode in self.kinds or episode == default_id else (STRETCH,),
             intervention=next(iter(self.named_as("intervention", {*observations})), None),
         )
 

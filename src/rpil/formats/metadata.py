@@ -70,8 +70,8 @@ def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
     for column, less in ((one.removeprefix("-"), one.startswith("-")) for one in columns.outcomes):
         values = None if column == LENGTH else numbers_or_missing(table[column])
         found = lengths if column == LENGTH else None
-        if values is not None and values.shape[1] == 1:
-            found = outcome_of_steps(values[:, 0].astype(float), steps.offsets, column)
+        if values is not None:
+            found = outcome_of_steps(values.astype(float), steps.offsets, column)
         if found is None:
             kinds = "neither one number for each demonstration, nor a reward, nor a flag of 0 and 1"
             remedy = f"name another column with --outcome, or {LENGTH!r}"

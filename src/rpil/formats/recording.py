@@ -117,7 +117,7 @@ class Recording:
         """Whether a person had taken over in each step; None where no column says it."""
         name = self.columns.intervention
         values = None if name is None else numbers_or_missing(self.steps.read([name])[name])
-        return None if values is None or not np.isin(values, (0, 1)).all() else np.asarray(values[:, 0] > 0)
+        return None if values is None or not np.isin(values, (0, 1)).all() else values > 0
 
     def times(self) -> Times:
         """The statements of the file on its own times and lengths."""
@@ -174,15 +174,14 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
     layout = Layout.of(steps.table.schema, columns)
     ids, asked = steps.ids, _asked(steps.ids, options, source)
     steps = steps.only(asked)
-    seen, left_out, aside = scan(steps, layout, columns), dict[str, str](), list[Id]()
+    seen, aside = scan(steps, layout, columns), list[Id]()
     if options.skip_bad is True and seen.faulty:
         is_sound = ~np.isin(np.arange(len(steps.ids)), [*seen.faulty])
         if not is_sound.any():
             raise DataError(f"{source}: in every demonstration a value is missing or infinite; exclude the column.")
-        aside, left_out, steps = [steps.ids[m] for m in sorted(seen.faulty)], seen.left_out, steps.only(is_sound)
-        left = {name: shown for name, shown in layout.observations.items() if name not in left_out}
-        seen = scan(steps, replace(layout, observations=left), columns)
-    ignored, found = left_out | seen.left_out, replace(found, tables=())
+        aside, steps = [steps.ids[m] for m in sorted(seen.faulty)], steps.only(is_sound)
+        seen = scan(steps, layout, columns)
+    ignored, found = seen.left_out, replace(found, tables=())
     columns = replace(
         columns,
         observations=tuple(m for m in columns.observations if m not in ignored),

@@ -59,7 +59,7 @@ class Scan:
         for name in self._read:
             found = flat.numbers_or_missing(table[name])
             is_null = table[name].is_null().to_numpy() if found is None else ()  # texts are 0 or NaN
-            read[name] = np.where(is_null, np.nan, 0.0) if found is None else found[:, 0]
+            read[name] = np.where(is_null, np.nan, 0.0) if found is None else found
         kind = np.float32 if all(own.dtype == np.float32 for own in read.values()) else float
         values = np.stack([*read.values()], dtype=kind)  # in which numbers are compared fast
         low, high = values.min(axis=1), values.max(axis=1)

@@ -104,7 +104,7 @@ def from_parts(
     without = [name for name in columns.ignored if name in first.arrays and not first.has_steps(name)]
     more = (name for part in parts[1:] for name in (*part.arrays, *part.about) if name not in kinds)
     ignored = {**columns.ignored, **dict.fromkeys(without, NO_STEPS), **dict.fromkeys(more, NOT_IN_FIRST)}
-    columns = replace(columns, ignored=ignored, id_chosen=options.id is not None)
+    columns = replace(columns, ignored=ignored)
     whole = [name for name in columns.all if all(name in part.about for part in parts)]
     steps = [name for name in columns.stored if name not in whole]
     for part in sorted(parts, key=lambda part: all(name in part.arrays or name in part.about for name in steps)):

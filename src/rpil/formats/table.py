@@ -222,18 +222,12 @@ def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Ar
 
 
 def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:
-    """A column as (N, K) floats with NaN for missing values; None for text, and for lists of unequal length."""
-    kind, n_rows, width = kind_of_type(column.type), len(column), 1
-    if kind == "list":
-        widths = pc.list_value_length(column)
-        if column.null_count or pc.count_distinct(widths).as_py() != 1:
-            return None
-        width, column = widths[0].as_py(), column.combine_chunks().flatten()
-    if kind not in ("list", "number"):
+    """A column as (N,) floats with NaN for missing values; None where it holds no numbers."""
+    if kind_of_type(column.type) != "number":
         return None
     floats = column if pa.types.is_floating(column.type) else column.cast(pa.float64(), safe=False)
-    whole = floats.chunk(0) if getattr(floats, "num_chunks", 0) == 1 else floats  # of which no copy is made
-    return np.reshape(whole.to_numpy(zero_copy_only=False), (n_rows, width))
+    whole = floats.chunk(0) if floats.num_chunks == 1 else floats  # of which no copy is made
+    return np.asarray(whole.to_numpy(zero_copy_only=False))
 
 
 def order_values(column: pa.ChunkedArray) -> Array | None:

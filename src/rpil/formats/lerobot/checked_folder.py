@@ -23,7 +23,7 @@ from rpil.formats.lerobot.video import NEAR_SECONDS, find_faults, load_av
 from rpil.formats.metadata import MetaFolder, cameras, chunk_size, fill, frame_rate, usual_step
 from rpil.formats.parquet_file import read_table
 from rpil.formats.scan import parts_in_words, without_damaged
-from rpil.formats.table import numbers_or_missing
+from rpil.formats.table import flattened, numbers_or_missing, parts_of_lists
 from rpil.formats.table_folder import find_files
 from rpil.numerics.types import Array
 
@@ -101,7 +101,7 @@ class CheckedFolder(MetaFolder):
             first = table["index"][int(own[0])].as_py() if "index" in columns else -1
             timing, frames = (0.0, 0.0, 0.0), np.arange(len(own))
             if fps is not None and all_times is not None:
-                times = all_times[own, 0]
+                times = all_times[own]
                 if str(self.info.get("codebase_version")).startswith("v2"):  # which may begin within a video
                     frames = frames + np.rint(times[0] * fps)
                 gaps = times - frames / fps if has_videos else np.diff(times) - 1 / fps
@@ -123,10 +123,12 @@ class CheckedFolder(MetaFolder):
         found: dict[int, Array] = {}
         for file in self.data_files():
             table = read_table(file, ["episode_index", *names])
-            values = [numbers_or_missing(table[name]) for name in names if name in table.column_names]
+            lists = parts_of_lists(table, {})
+            wanted = [part for name in table.column_names[1:] for part in lists.get(name, (name,))]
+            values = map(numbers_or_missing, flattened(table, lists, wanted).columns)
             if columns := [one for one in values if one is not None]:
                 numbers, offsets, rows = group_rows(table["episode_index"].to_numpy())
-                joined = np.hstack(columns) if rows is None else np.hstack(columns)[rows]
+                joined = np.stack(columns, axis=1)[slice(None) if rows is None else rows]
                 found |= zip(numbers.tolist(), np.split(joined, offsets[1:-1]), strict=True)
         return found
 
