@@ -50,7 +50,6 @@ _NUMBERS: tuple[Kind, ...] = ("number", "list", "mixed")
 
 
 def find_columns(
-    names: Sequence[str],
     kinds: Mapping[str, Kind],
     source: str,
     options: ColumnOptions = ColumnOptions(),
@@ -59,13 +58,15 @@ def find_columns(
 ) -> Columns:
     """The columns to read; a `DataError` where they cannot be found, and no `default_id` stands for the id.
 
-    Each number in one of the `lists` is a column, with the kind "list", and the role that its list has by name.
+    Each number in one of the `lists` is a column, with the kind "list", and the role that its list has by name; another
+    column of lists is one of images.
     """
-    check_names(names, source)
-    owners = {part: name for name in names for part in lists.get(name, (name,))}
-    check_names([part for name in names for part in lists.get(name, (name,))], source)
-    kinds = {part: kinds.get(name, "number") for part, name in owners.items()}
-    return _Search(owners, kinds, source, options, lists).columns(default_id)
+    parts = [(part, name) for name in kinds for part in lists.get(name, (name,))]
+    check_names([part for part, _ in parts], source)
+    of_each: dict[str, Kind] = {
+        m: "nested" if kinds[own] == "list" and own not in lists else kinds[own] for m, own in parts
+    }
+    return _Search(dict(parts), of_each, source, options, lists).columns(default_id)
 
 
 @dataclass(eq=False)

@@ -170,11 +170,10 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
         content = content[: content.find(b"\n", _HEAD_BYTES) + 1] or content  # whole lines
         with pa.csv.open_csv(pa.BufferReader(content), *_options(file, len(content) + 1)) as reader:
             first = reader.read_all()  # one block: a reader that has not seen the end may outlive Python, and abort
-        kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS))
     if not len(first) and default_id is None:
         said = "it has no rows; write one for each step below the names of its columns"
         raise DataError(f"{file.path.name}: {said}.")
-    return find_columns(file.names, kinds, file.path.name, options, default_id)
+    return find_columns(flat.kinds_of(first.slice(0, flat.HEAD_ROWS)), file.path.name, options, default_id)
 
 
 class _OtherTypeError(DataError):

@@ -59,12 +59,8 @@ def from_arrow(
     waiting = map(plain_columns, tables)
     table = next(waiting, pa.table({}))
     check_names(table.column_names, source)
-    kinds = {field.name: flat.kind_of_type(field.type) for field in table.schema}
-    head = table.select([name for name, kind in kinds.items() if kind in ("number", "text")]).slice(0, flat.HEAD_ROWS)
-    kinds |= flat.kinds_of(head)
     lists = flat.parts_of_lists(table, {})
-    kinds |= {name: "nested" for name, kind in kinds.items() if kind == "list" and name not in lists}
-    columns = find_columns(table.column_names, kinds, source, options, default_id, lists)
+    columns = find_columns(flat.kinds_of(table.slice(0, flat.HEAD_ROWS)), source, options, default_id, lists)
     chosen = (flat.flattened(one.select(columns.stored), lists, columns.all) for one in chain([table], waiting))
     return StepTables(chosen, columns, source, format_name)
 

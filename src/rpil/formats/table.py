@@ -32,13 +32,12 @@ HEAD_ROWS = 1000
 
 
 def kinds_of(head: pa.Table) -> dict[str, Kind]:
-    """The kind of every column by its type and its first values; of none where there are no values."""
-    found = {field.name: kind_of_type(field.type) for field in head.schema} if head.num_rows else {}
-    for name, kind in found.items():
-        if kind == "text":
-            texts = [text.strip() for text in head[name].unique().to_pylist() if text]
-            if texts and 2 * sum(map(is_number, texts)) >= len(texts):
-                found[name] = "mixed"
+    """The kind of every column by its type and its first values; where there are no rows, all may be numbers."""
+    found = {field.name: kind_of_type(field.type) if len(head) else "number" for field in head.schema}
+    for name in (name for name, kind in found.items() if kind == "text"):
+        texts = [text.strip() for text in head[name].unique().to_pylist() if text]
+        if texts and 2 * sum(map(is_number, texts)) >= len(texts):
+            found[name] = "mixed"
     return found
 
 
