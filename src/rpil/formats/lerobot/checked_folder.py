@@ -112,16 +112,11 @@ class CheckedFolder(MetaFolder):
             found[m] = EpisodeRows(len(own), first, place, *timing)
         return found
 
-    def data_files(self, only: Collection[str] | None = None) -> list[Path]:
-        """The data files that hold episodes, `only` these or any."""
-        own = (rows.file for m, rows in self.data.items() if only is None or str(m) in only)
-        return [self.path / file for file in dict.fromkeys(own)]
-
     def states(self) -> dict[int, Array]:
         """The state of each episode, (N, D), as that of the joints of a robot; empty where the data have none."""
         names = [name for name in self.info["features"] if name.startswith(("observation.state", "state"))]
         found: dict[int, Array] = {}
-        for file in self.data_files():
+        for file in dict.fromkeys(self.path / rows.file for rows in self.data.values()):
             table = read_table(file, ["episode_index", *names])
             lists = parts_of_lists(table, {})
             wanted = [part for name in table.column_names[1:] for part in lists.get(name, (name,))]
