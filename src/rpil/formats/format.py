@@ -155,11 +155,6 @@ class Layout:
         kind = columns.options.action_kind
         return cls(_shown(seen), _shown(acted), observation, action, n_parts, order, allows_missing, kind)
 
-    @property
-    def columns(self) -> list[str]:
-        """The columns that are read."""
-        return [*self.actions, *self.observations]
-
     def empty(self, n_steps: int) -> tuple[Array, Array]:
         """Uninitialised observations (n_steps, D) and actions, (n_steps,) or (n_steps, A)."""
         shape = (n_steps, self.n_parts) if self.n_parts else (n_steps,)
@@ -168,7 +163,7 @@ class Layout:
     def write(self, steps: Steps, first: int, observations: Array, actions: Array) -> None:
         """Write steps from the `first` one on to two arrays, which say how many; a `DataError` where a value is missing
         or of the wrong kind."""
-        for row, table, at in steps.tables(self.columns, first, first + len(actions)):
+        for row, table, at in steps.tables([*self.actions, *self.observations], first, first + len(actions)):
             own = slice(row - first, row - first + len(table))
             with guarded(at(0)):
                 self._fill(observations[own], table, self.observations, at)

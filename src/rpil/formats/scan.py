@@ -49,7 +49,7 @@ class Scan:
     _n_changes: int = 0
 
     def __post_init__(self) -> None:
-        self._read = self.layout.columns
+        self._read = [*self.layout.actions, *self.layout.observations]
         self.missing, self.within = np.zeros(n := len(self._read), int), np.ones(n, bool)
         self.low, self.high = np.full((2, n), np.nan)
 
@@ -168,7 +168,7 @@ def scan(steps: Steps, layout: Layout, columns: Columns) -> Scan:
     for first, end in pairwise(bounds):
         rows = slice(int(steps.offsets[first]), int(steps.offsets[end]))
         owners = np.repeat(np.arange(first, end), lengths[first:end])
-        found.add(steps.read(layout.columns, rows), owners, partial(steps.place_of, rows.start))
+        found.add(steps.read(found._read, rows), owners, partial(steps.place_of, rows.start))
     found.finish(steps)
     return found
 

@@ -20,7 +20,7 @@ from rpil.data.files import check_inside, copy_folder, replacing
 from rpil.data.memory import Parsed
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot.video import NEAR_SECONDS, find_faults, load_av
-from rpil.formats.metadata import MetaFolder, cameras, chunk_size, fill, frame_rate, usual_step
+from rpil.formats.metadata import MetaFolder, fill, frame_rate, usual_step
 from rpil.formats.parquet_file import read_table
 from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table import flattened, numbers_or_missing, parts_of_lists
@@ -96,7 +96,7 @@ class CheckedFolder(MetaFolder):
         all_times = numbers_or_missing(table["timestamp"]) if "timestamp" in columns else None
         numbers, offsets, rows = group_rows(table["episode_index"].to_numpy())
         of_each = np.split(np.arange(len(table)) if rows is None else rows, offsets[1:-1])
-        fps, has_videos = frame_rate(self.info.get("fps")), bool(cameras(self.info, "video"))
+        fps, has_videos = frame_rate(self.info.get("fps")), bool(self.cameras("video"))
         for m, own in zip(numbers.tolist(), of_each, strict=True):
             first = table["index"][int(own[0])].as_py() if "index" in columns else -1
             timing, frames = (0.0, 0.0, 0.0), np.arange(len(own))
@@ -151,14 +151,16 @@ class CheckedFolder(MetaFolder):
         return found
 
     def shots(self, only: Collection[str] | None = None) -> list[Shot]:
-        """Where the frames of each episode that is there, `only` these or all, are, by camera."""
+        """Where the frames of each episode that is there, `only` these or all, are, by camera; a `DataError` where
+        ``meta`` does not say, or a video lies outside the folder."""
         found: list[Shot] = []
-        if chunk_size(self.info) is None:
+        n_in_chunk = frame_rate(self.info.get("chunks_size", 1000)) or 0.5
+        if not n_in_chunk.is_integer():
             said = str(self.info["chunks_size"])[:20]
             raise DataError(f"{self.path / INFO}: chunks_size is {said}, no whole number above 0; correct it.")
         fps = frame_rate(self.info.get("fps")) or np.inf
         there = [m for m in sorted(self.data.keys() & self.episodes.keys()) if only is None or str(m) in only]
-        for camera in cameras(self.info, "video"):
+        for camera in self.cameras("video"):
             own = []
             for m in there:
                 row = self.episodes[m]
@@ -168,7 +170,11 @@ class CheckedFolder(MetaFolder):
                 if not (isinstance(start, int | float) and isinstance(end, int | float) and -1 < start < end):
                     said = f"from_timestamp is {start!s:.20}, to_timestamp {end!s:.20}; correct them"
                     raise DataError(f"meta/episodes, demonstration {m}: {said}.")
-                own.append(Shot(camera, m, self.video(camera, m), start, end, self.data[m].n))
+                names = [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index")]
+                chunk, file = (row[name] for name in names) if names[0] in row else (m // int(n_in_chunk), m)
+                template = self.info.get("video_path") or PATHS[self.info["codebase_version"]][1]
+                check_inside(place := self.path / fill(template, chunk, file, camera), self.path)
+                own.append(Shot(camera, m, place, start, end, self.data[m].n))
             starts = defaultdict[Path, list[float]](list)
             for shot in own:
                 starts[shot.path].append(shot.start)
@@ -178,15 +184,6 @@ class CheckedFolder(MetaFolder):
                 last = float(min(shot.start + shot.n_rows / fps, following))
                 found.append(replace(shot, end=max(shot.end, last)))
         return found
-
-    def video(self, camera: str, m: int) -> Path:
-        """The video in which a camera saw an episode; a `DataError` where it lies outside the folder."""
-        row, names = self.episodes[m], [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index")]
-        chunk, file = (row[name] for name in names) if names[0] in row else (m // (chunk_size(self.info) or 1), m)
-        template = self.info.get("video_path") or PATHS[self.info["codebase_version"]][1]
-        place = self.path / fill(template, chunk, file, camera)
-        check_inside(place, self.path)
-        return place
 
 
 def annotate(path: Path, output: Path, columns: Mapping[str, Mapping[str, object]]) -> None:
@@ -237,7 +234,7 @@ def _in_times(folder: CheckedFolder) -> Iterator[Defect]:
                 f"declared are {fps:.3g} frames a second, recorded {recorded:.3g}; timestamps are up to {off:.3g} s off"
             )
         said = f"LeRobot cannot load these rows: {why}"
-        if not cameras(folder.info, "video"):
+        if not folder.cameras("video"):
             said = f"{why}; LeRobot loads these rows all the same, for they have no videos"
         is_all = len(wrong) == len(folder.data)
         place = f"all {len(wrong)} episodes" if is_all else parts_in_words(wrong, "episode", [])

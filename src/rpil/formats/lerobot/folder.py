@@ -22,7 +22,7 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, Shot
 from rpil.formats.lerobot import checked_folder
 from rpil.formats.lerobot.checked_folder import ByFeature, CheckedFolder, ColumnStatistics, EpisodeRows
-from rpil.formats.metadata import cameras, chunk_size, fill
+from rpil.formats.metadata import fill, frame_rate
 from rpil.formats.parquet import keep_rows
 from rpil.numerics.types import Array
 
@@ -40,19 +40,19 @@ def claims(path: Path) -> bool:
 
 def check_output(path: Path, output: Path) -> dict[str, Parsed]:
     """Read ``meta/info.json``; a `DataError` where `keep` cannot write to `output`."""
-    info = CheckedFolder(path).info
+    info = (folder := CheckedFolder(path)).info
     version = info.get("codebase_version")
     if version != "v3.0":
         said = f"keep writes folders of LeRobot 3.0, and this one is of version {str(version)[:20]!r}"
         raise DataError(f"{path}: {said}; convert it by LeRobot first, or write the list with -o ids.json.")
     with guarded(path / checked_folder.INFO):
-        wrong = [name for name in cameras(info, "video") if not re.fullmatch(r"\w[\w.-]*", name)]
-        info["chunks_size"], fps = chunk_size(info) or 0, float(info["fps"])
-        info["fps"] = int(fps) if fps.is_integer() else fps
+        wrong = [name for name in folder.cameras("video") if not re.fullmatch(r"\w[\w.-]*", name)]
+        size, fps = frame_rate(info.get("chunks_size", 1000)), float(info["fps"])
         if wrong:
             raise ValueError(f"{wrong[0]!r} is no name of a camera")
-        if info["chunks_size"] < 1 or not 0 < fps < 1e9:
+        if size is None or not size.is_integer() or not 0 < fps < 1e9:
             raise ValueError("chunks_size is no whole number above 0, or fps none")
+        info |= {"chunks_size": int(size), "fps": int(fps) if fps.is_integer() else fps}
     return info
 
 
@@ -64,7 +64,12 @@ def target(folder: Path, template: str, place: tuple[int, int], camera: str = ""
 
 
 def write_episodes(
-    old: CheckedFolder, new: Path, kept: Mapping[int, EpisodeRows], places: Places, shots: Sequence[Shot]
+    old: CheckedFolder,
+    new: Path,
+    kept: Mapping[int, EpisodeRows],
+    places: Places,
+    shots: Sequence[Shot],
+    n_in_chunk: int,
 ) -> list[ByFeature]:
     """Write what is said of the kept episodes, with their new numbers, and the `places` of their data, and the videos
     that have the `shots` of them. Returned are the statistics of each episode."""
@@ -82,7 +87,7 @@ def write_episodes(
     for shot in shots:  # a file with any of these episodes is copied whole
         videos, file = copied[shot.camera], str(shot.path)
         if file not in videos:
-            videos[file] = divmod(len(videos), chunk_size(old.info) or 1)
+            videos[file] = divmod(len(videos), n_in_chunk)
             shutil.copyfile(check_readable(file), target(new, _VIDEO_PATH, videos[file], shot.camera))
         where = zip(("chunk_index", "file_index"), videos[file], strict=True)
         said = {**dict(where), "from_timestamp": shot.start, "to_timestamp": shot.end}
@@ -133,12 +138,12 @@ def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> Non
         return with_column(table, "index", np.arange(first, n_steps)) if "index" in table.column_names else table
 
     files = dict.fromkeys(rows.file for rows in kept.values())
-    places = {file: divmod(n, int(info["chunks_size"])) for n, file in enumerate(files)}
+    places = {file: divmod(n, info["chunks_size"]) for n, file in enumerate(files)}
     for file, place in places.items():
         new = target(output, _DATA_PATH, place)
         keep_rows(old.path / file, new, ids, ColumnOptions(id="episode_index"), renumbered)
     with guarded(old.path / "meta" / "episodes"):
-        by_episode, n = write_episodes(old, output, kept, places, shots), len(kept)
+        by_episode, n = write_episodes(old, output, kept, places, shots, info["chunks_size"]), len(kept)
         info |= {"total_episodes": n, "total_frames": n_steps, "data_path": _DATA_PATH}
         info |= {"splits": {"train": f"0:{n}"}} | ({"video_path": _VIDEO_PATH} if shots else {})
         (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8")
