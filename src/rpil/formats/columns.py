@@ -24,6 +24,9 @@ Ids = Id | Sequence[Id]
 STRETCH = "pauses"
 """The column of the demonstrations that end at pauses, where no other column tells them apart."""
 
+FILE = "file"
+"""The column of the names of files, each of which is a demonstration where no other column tells them apart."""
+
 LENGTH = "length"
 """The word that a user names in the place of a column: the number of steps of each demonstration."""
 

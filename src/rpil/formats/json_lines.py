@@ -14,8 +14,8 @@ from rpil.data.errors import guarded
 from rpil.data.memory import check_memory
 from rpil.data.text import natural_key
 from rpil.formats import table as flat
-from rpil.formats.columns import ColumnOptions
-from rpil.formats.csv import FILE, MEMORY_PER_BYTE
+from rpil.formats.columns import FILE, ColumnOptions
+from rpil.formats.csv import MEMORY_PER_BYTE
 from rpil.formats.format import Defect, Format, StepTables, from_arrow, plain_columns
 from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table_folder import has_tables

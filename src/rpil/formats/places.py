@@ -14,7 +14,7 @@ from rpil.data.arrays import Id, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
 from rpil.data.text import ORDER_COLUMNS, OUTCOME, plain_name
 from rpil.formats import table as flat
-from rpil.formats.columns import STRETCH, Columns
+from rpil.formats.columns import FILE, STRETCH, Columns
 from rpil.formats.metadata import find_clock
 from rpil.formats.steps import Steps
 from rpil.formats.table import Place
@@ -44,10 +44,14 @@ def find_places(rows: Steps, columns: Columns) -> tuple[Steps, Columns]:
     chosen, offsets, moved = group_rows(group, values)
     ids = as_ids([names_of[k] for k in chosen.tolist()], rows.source)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
+    if columns.episode == FILE:
+        starts = np.cumsum([0, *rows.sizes.values()])
+        heads = np.union1d(heads, starts[starts < len(rows)])
     files: dict[Id, str] = {}
     for row, file in zip(heads, rows.files(heads) or repeat(rows.source), strict=False):
         if files.setdefault(m := names_of[group[row]], file) != file:
-            raise in_two_files(m, files[m], file, rows.source)
+            remedy = "give each demonstration its own id, in one file"
+            raise DataError(f"{rows.source}, demonstration {m!r}: it is both in {files[m]} and in {file}; {remedy}.")
     apart = "; rows of a demonstration lay apart" if len(heads) > len(chosen) else ""
     rows = replace(rows if moved is None else rows.taken(moved), ids=ids, offsets=offsets)
     return rows, replace(columns, order=order, order_words=f"{words}{apart}")
@@ -68,12 +72,6 @@ def _ids(rows: Steps, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:
     if texts and all(_WHOLE_NUMBER.fullmatch(text) and abs(int(text)) < 1 << 63 for text in texts):
         return [int(text) for text in texts], group
     return [*texts] or [*numbers], group
-
-
-def in_two_files(m: Id, first: str, second: str, source: str) -> DataError:
-    """The error that a demonstration is in two files."""
-    remedy = "give each demonstration its own id, in one file"
-    return DataError(f"{source}, demonstration {m!r}: it is both in {first} and in {second}; {remedy}.")
 
 
 def _find_order(steps: Steps, columns: Columns, group: Array, at: Place) -> tuple[str | None, str, Array | None]:

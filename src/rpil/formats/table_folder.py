@@ -13,7 +13,7 @@ from rpil.data.files import StrPath, is_hidden
 from rpil.data.memory import LARGEST_METADATA
 from rpil.data.text import OWN_TABLES
 from rpil.formats import csv, parquet
-from rpil.formats.columns import ColumnOptions
+from rpil.formats.columns import FILE, ColumnOptions
 from rpil.formats.csv import TEXT_SUFFIXES
 from rpil.formats.format import Format, StepTables
 from rpil.formats.metadata import MetaFolder
@@ -60,7 +60,7 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
     if parquet_files:
         found = parquet.read_files([*map(str, parquet_files)], options, source)
     else:
-        found = csv.read_files(text_files, options, source, csv.FILE)
+        found = csv.read_files(text_files, options, source, FILE)
     kind = "Parquet files" if parquet_files else "text tables"
     return replace(found, ignored=dict.fromkeys(others, f"not read beside {kind}"))
 
