@@ -52,17 +52,9 @@ def joined_stats(episodes: Sequence[ColumnStatistics]) -> dict[str, Parsed]:
 
 INFO, STATS, EPISODES_STATS = "meta/info.json", "meta/stats.json", "meta/episodes_stats.jsonl"
 
-PATHS = {
-    "v3.0": (
-        "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
-        "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
-    ),
-    "v2.1": (
-        "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
-        "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4",
-    ),
-}
-"""Where LeRobot has its data and its videos, by its version."""
+DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
+"""Where LeRobot 3.0 has its data and its videos."""
 
 
 class EpisodeRows(NamedTuple):
@@ -172,8 +164,7 @@ class CheckedFolder(MetaFolder):
                     raise DataError(f"meta/episodes, demonstration {m}: {said}.")
                 names = [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index")]
                 chunk, file = (row[name] for name in names) if names[0] in row else (m // int(n_in_chunk), m)
-                template = self.info.get("video_path") or PATHS[self.info["codebase_version"]][1]
-                check_inside(place := self.path / fill(template, chunk, file, camera), self.path)
+                check_inside(place := self.path / fill(self.info["video_path"], chunk, file, camera), self.path)
                 own.append(Shot(camera, m, place, start, end, self.data[m].n))
             starts = defaultdict[Path, list[float]](list)
             for shot in own:
@@ -288,7 +279,7 @@ def _in_episodes(folder: CheckedFolder) -> Iterator[Defect]:
             f"{name} is {row[name]}, not {value}" for name, value in expected.items() if row.get(name, value) != value
         ]
         places = [row[f"data/{name}"] for name in ("chunk_index", "file_index") if f"data/{name}" in row]
-        named = fill(str(folder.info.get("data_path") or PATHS["v3.0"][0]), *places) if places else file
+        named = fill(str(folder.info.get("data_path") or DATA_PATH), *places) if places else file
         wrong += [f"its data are in {file}, not in {named}"] if named != file else []
         if wrong:
             yield Defect("episode table", str(m), "; ".join(wrong))

@@ -21,13 +21,19 @@ from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, Shot
 from rpil.formats.lerobot import checked_folder
-from rpil.formats.lerobot.checked_folder import ByFeature, CheckedFolder, ColumnStatistics, EpisodeRows
+from rpil.formats.lerobot.checked_folder import (
+    DATA_PATH,
+    VIDEO_PATH,
+    ByFeature,
+    CheckedFolder,
+    ColumnStatistics,
+    EpisodeRows,
+)
 from rpil.formats.metadata import fill, frame_rate
 from rpil.formats.parquet import keep_rows
 from rpil.numerics.types import Array
 
 _EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
-_DATA_PATH, _VIDEO_PATH = checked_folder.PATHS["v3.0"]
 
 Places = dict[str, tuple[int, int]]
 """Chunk and file of new files, by the path of the old one."""
@@ -88,7 +94,7 @@ def write_episodes(
         videos, file = copied[shot.camera], str(shot.path)
         if file not in videos:
             videos[file] = divmod(len(videos), n_in_chunk)
-            shutil.copyfile(check_readable(file), target(new, _VIDEO_PATH, videos[file], shot.camera))
+            shutil.copyfile(check_readable(file), target(new, VIDEO_PATH, videos[file], shot.camera))
         where = zip(("chunk_index", "file_index"), videos[file], strict=True)
         said = {**dict(where), "from_timestamp": shot.start, "to_timestamp": shot.end}
         rows[shot.episode] |= {f"videos/{shot.camera}/{name}": value for name, value in said.items()}
@@ -140,12 +146,12 @@ def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> Non
     files = dict.fromkeys(rows.file for rows in kept.values())
     places = {file: divmod(n, info["chunks_size"]) for n, file in enumerate(files)}
     for file, place in places.items():
-        new = target(output, _DATA_PATH, place)
+        new = target(output, DATA_PATH, place)
         keep_rows(old.path / file, new, ids, ColumnOptions(id="episode_index"), renumbered)
     with guarded(old.path / "meta" / "episodes"):
         by_episode, n = write_episodes(old, output, kept, places, shots, info["chunks_size"]), len(kept)
-        info |= {"total_episodes": n, "total_frames": n_steps, "data_path": _DATA_PATH}
-        info |= {"splits": {"train": f"0:{n}"}} | ({"video_path": _VIDEO_PATH} if shots else {})
+        info |= {"total_episodes": n, "total_frames": n_steps, "data_path": DATA_PATH}
+        info |= {"splits": {"train": f"0:{n}"}} | ({"video_path": VIDEO_PATH} if shots else {})
         (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8")
     with guarded(old.path / checked_folder.STATS):
         if (stats_file := output / checked_folder.STATS).is_file():  # of features that no episode has they stay
