@@ -23,7 +23,7 @@ BUDGETS = {
     "data": (2502, 28),
     "estimators": (1906, 18),
     "faults": (2983, 122),
-    "formats": (5244, 54),
+    "formats": (5249, 54),
     "inference": (2196, 92),
     "mixture": (797, 20),
     "numerics": (584, 16),

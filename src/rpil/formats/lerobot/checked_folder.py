@@ -78,8 +78,13 @@ class CheckedFolder(MetaFolder):
     @cached_property
     def data(self) -> dict[int, EpisodeRows]:
         """The rows of each episode, by the data; of those in damaged files there are none."""
-        found, _ = without_damaged(map(str, find_files(self.path)[0]), self._rows_in)
-        return {m: rows for own in found.values() for m, rows in own.items()}
+        found: dict[int, EpisodeRows] = {}
+        for own in without_damaged(map(str, find_files(self.path)[0]), self._rows_in)[0].values():
+            for m in own.keys() & found.keys():
+                said = f"it is both in {found[m].file} and in {own[m].file}; write its rows to one file"
+                raise DataError(f"{self.path}, demonstration {m}: {said}.")
+            found |= own
+        return found
 
     def _rows_in(self, file: str) -> dict[int, EpisodeRows]:
         with guarded(file):
