@@ -170,17 +170,6 @@ def test_ids_that_are_none_are_named(written, ids, said):
     assert "damaged" not in str(caught.value)
 
 
-def test_no_timeouts_are_added_where_a_demonstration_terminates(tmp_path):
-    ends = np.zeros(sum(LENGTHS))
-    ends[np.cumsum(LENGTHS) - 1] = 1
-    path, output = tmp_path / "a.npz", tmp_path / "kept.npz"
-    np.savez(path, actions=MOVES, observations=STATES, terminations=ends)
-    find(path).keep(output, [0, 2])
-    with np.load(output) as kept:
-        assert not kept["timeouts"][:].any()
-    assert rpil.read(output).lengths.tolist() == [LENGTHS[0], LENGTHS[2]]
-
-
 def test_a_value_that_is_missing_in_both_is_no_end():
     seen, following = np.arange(12.0).reshape(6, 2), np.arange(2.0, 14.0).reshape(6, 2)
     seen[2, 0] = following[1, 0] = np.nan

@@ -15,7 +15,7 @@ BASE = ["episode", "x", "v", "action"]
 
 
 def found(names, kinds=None, **options):
-    return find_columns(names, kinds or {}, "a.csv", ColumnOptions(**options))
+    return find_columns(dict.fromkeys(names, "number") | (kinds or {}), "a.csv", ColumnOptions(**options))
 
 
 def test_spellings_of_the_demonstration():
@@ -122,5 +122,5 @@ def test_long_names_are_cut_in_messages():
     assert len(quoted(["x" * 10_000] * 100)) < 600
     assert quoted(["a.b"] * 13).count("a.b") == 12
     with pytest.raises(DataError) as caught:
-        find_columns(["episode", "x" * 10_000], {}, "a.csv", ColumnOptions(observations="x*"))
+        found(["episode", "x" * 10_000], observations="x*")
     assert len(str(caught.value)) < 300

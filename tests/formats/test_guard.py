@@ -17,8 +17,6 @@ import pytest
 import rpil
 from command_line import refused
 from rpil.data.errors import DataError
-from rpil.formats import registry
-from rpil.formats.format import Format
 from rpil.formats.registry import find
 from samples import SAMPLES
 
@@ -37,16 +35,6 @@ def sample(name):
     path = SAMPLES[name](Path())
     assert len(rpil.read(path)) > 1
     return path
-
-
-def test_formats_that_fail_to_tell_are_not_asked_to_read(tmp_path, monkeypatch):
-    def fail(*_):
-        raise OverflowError("never seen before")
-
-    path = sample("CSV")
-    monkeypatch.setattr(registry, "FORMATS", (Format("broken", fail, fail, keep=fail), *registry.FORMATS))
-    assert registry.find(path).format.name == "CSV"
-    assert len(rpil.read(path)) == 3
 
 
 @pytest.mark.parametrize("n_batches", [0, 1])

@@ -21,7 +21,7 @@ from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, replacing
 from rpil.data.id_values import is_id_file, match_demonstrators, read_id_pairs
 from rpil.data.memory import Size, finite
-from rpil.data.text import STEP, is_data
+from rpil.data.text import is_data
 from rpil.formats import csv, parquet, table
 from rpil.formats.columns import ColumnOptions, Ids, Names, check_options
 from rpil.formats.format import Frame, from_arrow
@@ -238,16 +238,11 @@ def write_weights(
         cuts = np.unique(np.append(np.searchsorted(offsets, np.arange(0, offsets[-1], _BLOCK_STEPS)), len(ids)))
         for block in map(slice, cuts[:-1].tolist(), cuts[1:].tolist()):
             steps = slice(int(offsets[block.start]), int(offsets[block.stop]))
-            block_offsets = offsets[block.start : block.stop + 1] - steps.start
-            lengths = np.diff(block_offsets)
-            names = table.step_columns(ids[block], block_offsets)
-            weights = {"weight": np.asarray(step_weight[steps])} | {
-                name: np.repeat(values[block], lengths) for name, values in repeated.items()
-            }
-            own = step_columns(steps)
-            taken = {*names, *weights} - {STEP}  # the file's own step column is kept
-            numbers = dict(zip(own.column_names, own.columns, strict=True)) if own else {}
-            numbers = {f"file.{name}" if name in taken else name: column for name, column in numbers.items()}
-            yield pa.table(names | numbers | weights, metadata=metadata)
+            lengths, own = np.diff(offsets[block.start : block.stop + 1]), step_columns(steps)
+            columns = table.step_columns(ids[block], np.append(0, np.cumsum(lengths)))
+            columns |= zip(own.column_names, own.columns, strict=True) if own else {}  # with the file's own step column
+            columns |= {"weight": np.asarray(step_weight[steps])}
+            columns |= {name: np.repeat(values[block], lengths) for name, values in repeated.items()}
+            yield pa.table(columns, metadata=metadata)
 
     writer(Path(path), tables())

@@ -29,7 +29,6 @@ from rpil.formats.table_folder import has_tables
 from rpil.numerics.types import Array
 
 _NPZ, _HDF5 = (".npz",), (".hdf5", ".h5")
-_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _FILE_NAME, _GROUP_NAME = "name of the file", "name of the group"
 _STATES = "There are no observations: the simulator's states are used; dataset_states_to_obs.py writes some."
 
@@ -41,17 +40,14 @@ _ATTRIBUTES = {
 
 
 def claims(path: Path) -> bool:
-    """Whether `path` is such a file, by its name or its first bytes, or a folder of such files and of no tables."""
+    """Whether `path` is such a file, by its name, or a folder of such files and of no tables."""
     if path.is_dir() or is_zarr(path):
         return is_zarr(path) or (not has_tables(path) and bool(_files(path)))
-    return path.is_file() and (path.suffix.lower() in _NPZ or _is_hdf5(path))
+    return path.is_file() and path.suffix.lower() in (*_NPZ, *_HDF5)
 
 
 def _is_hdf5(path: Path) -> bool:
-    if path.suffix.lower() in (*_NPZ, *_HDF5):
-        return path.suffix.lower() in _HDF5
-    with path.open("rb") as file:
-        return file.read(len(_SIGNATURE)) == _SIGNATURE
+    return path.suffix.lower() in _HDF5
 
 
 def _open(path: Path, options: ColumnOptions = ColumnOptions(), where: str = "") -> Arrays:
@@ -195,8 +191,7 @@ def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]
 def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> None:
     """Write the demonstrations called `ids`, with all that the file says of them.
 
-    In NPZ an array with one value for each step or demonstration is cut, any other is written whole. Where no array
-    marks the demonstrations that were cut short, timeouts tell those apart that are kept.
+    In NPZ an array with one value for each step or demonstration is cut, any other is written whole.
     """
     if _is_hdf5(path):
         keep_groups(path, output, ids)
@@ -204,21 +199,14 @@ def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> Non
     archive, members = _open_npz(path, path.name)
     names = (member.removesuffix(MEMBER) for member in members)
     arrays = dict(zip(names, read_arrays(archive, members, path.name), strict=True))
-    these = Arrays(arrays, path.name, options=options)
-    cut = these.cut()
-    there, n = list(dict.fromkeys(cut.ids.tolist())), len(cut.ids)
+    owners = Arrays(arrays, path.name, options=options).cut().ids
+    there = list(dict.fromkeys(owners.tolist()))
     kept = [m for m in there if str(m) in ids]
-    rows, whole = np.isin(cut.ids, kept), np.isin(there, kept)
-    masks = {n: rows, n + 1: np.append(rows, rows[-1])}  # one more comes after the last action
-    masks = masks if cut.by_marks else {len(there): whole, **masks}
-    own = {name: masks.get(len(array) if array.shape else -1) for name, array in arrays.items()}
-    kept_arrays = {
-        name: arrays[name][mask] for name, mask in own.items() if mask is not None and name not in ROLES["names"]
-    }
-    if cut.by_marks and not (these.names["starts"] or these.names["cuts"]):
-        is_last = np.append(cut.ids[1:] != cut.ids[:-1], True)
-        kept_arrays[ROLES["cuts"][0]] = (is_last & ~these.flags(these.names["terminals"], is_last.shape))[rows]
-    write_npz(output, {**arrays, **kept_arrays})
+    rows = np.isin(owners, kept)
+    # One value more comes after the last action.
+    masks = {len(there): np.isin(there, kept), len(rows): rows, len(rows) + 1: np.append(rows, rows[-1])}
+    own = {name: array for name, array in arrays.items() if array.shape and name not in ROLES["names"]}
+    write_npz(output, arrays | {name: one[masks[len(one)]] for name, one in own.items() if len(one) in masks})
 
 
 def unkept(path: Path, options: ColumnOptions) -> str:
@@ -229,7 +217,8 @@ def unkept(path: Path, options: ColumnOptions) -> str:
     has_groups, is_hdf5 = bool(arrays.groups()[1]), _is_hdf5(path)
     if is_hdf5 and has_groups and options.id:
         return "groups by other ids than their names"
-    return "" if (has_groups if is_hdf5 else not has_groups and not arrays.is_stacked) else "arrays of this layout"
+    is_told = bool(arrays.names["ids"] or arrays.names["lengths"]) and not (has_groups or arrays.is_stacked)
+    return "" if (has_groups if is_hdf5 else is_told) else "arrays of this layout"
 
 
 FORMAT = Format("arrays", claims, read, keep, unkept, suffixes=(*_NPZ, *_HDF5, ZIP), write=write)

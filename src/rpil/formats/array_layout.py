@@ -51,7 +51,6 @@ class Cut:
     ids: Array  # of each of N steps, or of each of M first indices where arrays are stacked
     note: str = ""
     is_step: Array | None = None  # (M, T): which rows are steps, where arrays are stacked
-    by_marks: bool = False  # whether flags, or leaps of the observations, tell the demonstrations apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +146,7 @@ class Arrays:
         for roles, find, note in _ROWS:
             if self.names[roles[-1]] and (found := find(self)) is not None:
                 told = " and ".join(name for role in roles for name in self.names[role])
-                return Cut(_NUMBERED, found, note.format(told), None, roles[0] not in ("lengths", "offsets"))
+                return Cut(_NUMBERED, found, note.format(told))
         if self.names["ids"]:
             fault = f"{self.names['ids'][0]} has the shape {self.shape('ids')} for {n:,} actions"
             raise DataError(f"{self.source}: {fault}; give one id for each.")

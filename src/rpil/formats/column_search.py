@@ -29,6 +29,7 @@ _ROLES: tuple[tuple[str, Sequence[re.Pattern[str]], tuple[Kind, ...]], ...] = (
 """The patterns of the names of the columns of a role, and their kinds; the first line in which there are any counts."""
 
 _REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
+    ("text", "text"),
     ("nested", "images or nested values"),
     *spellings.NOT_SEEN,
     (spellings.OBSERVATION, ""),
@@ -50,7 +51,6 @@ _NUMBERS: tuple[Kind, ...] = ("number", "list", "mixed")
 
 
 def find_columns(
-    names: Sequence[str],
     kinds: Mapping[str, Kind],
     source: str,
     options: ColumnOptions = ColumnOptions(),
@@ -59,13 +59,15 @@ def find_columns(
 ) -> Columns:
     """The columns to read; a `DataError` where they cannot be found, and no `default_id` stands for the id.
 
-    Each number in one of the `lists` is a column, with the kind "list", and the role that its list has by name.
+    Each number in one of the `lists` is a column, with the kind "list", and the role that its list has by name; another
+    column of lists is one of images.
     """
-    check_names(names, source)
-    owners = {part: name for name in names for part in lists.get(name, (name,))}
-    check_names([part for name in names for part in lists.get(name, (name,))], source)
-    kinds = {part: kinds.get(name, "number") for part, name in owners.items()}
-    return _Search(owners, kinds, source, options, lists).columns(default_id)
+    parts = [(part, name) for name in kinds for part in lists.get(name, (name,))]
+    check_names([part for part, _ in parts], source)
+    of_each: dict[str, Kind] = {
+        m: "nested" if kinds[own] == "list" and own not in lists else kinds[own] for m, own in parts
+    }
+    return _Search(dict(parts), of_each, source, options, lists).columns(default_id)
 
 
 @dataclass(eq=False)
@@ -109,7 +111,10 @@ class _Search:
         task = task or next(iter(self.named_as("task")), None)
         index = tuple(name for name in self.free if self.plain[name] in ("index", "frame_index"))
         self.take(*(name for name in (*orders, operator, task) if name and name not in asked))
-        session, outcomes = self.session(), tuple(self.outcomes({*asked, *actions, episode}))
+        session, outcomes = options.session, tuple(self.outcomes({*asked, *actions, episode}))
+        if session != FILE_SESSION or FILE_SESSION in self.plain:  # which comes before the file itself
+            session = self.one(session, "session")
+            self.ignored |= {session: "session"} if session in self.free else {}
         observations = asked or self.observations()
         for name in self.free.keys() - {*observations}:
             self.ignored.setdefault(name, "not among the observations that were named")
@@ -122,9 +127,6 @@ class _Search:
             *(episode, tuple(actions), tuple(observations), one_action, tuple(orders), index, tuple(parts), operator),
             *(task, by_column(ignored, self.lists), options, tuple(times), session, outcomes),
             lists=self.lists,
-            source=self.source,
-            id_chosen=options.id is not None,
-            made=() if episode in self.kinds or episode == default_id else (STRETCH,),
             intervention=next(iter(self.named_as("intervention", {*observations})), None),
         )
 
@@ -177,8 +179,10 @@ class _Search:
 
     def observations(self) -> list[str]:
         """The columns called obs or observation, else those called state, else all numbers without another role."""
-        for name in self.free:
-            if why := self.reason(name):
+        for name in self.free:  # by the first reason that fits
+            kind, plain = self.kinds[name], self.plain[name]
+            fits = (why for key, why in _REASONS if (kind == key if isinstance(key, str) else key.fullmatch(plain)))
+            if why := next(fits, ""):
                 self.ignored.setdefault(name, why)
         free = [name for name in self.free if name not in self.ignored]
         if not free:
@@ -195,20 +199,6 @@ class _Search:
         for name in {*free} - {*(named or free)}:
             self.ignored[name] = f"not named as an observation, as {self.owners[named[0]]} is"
         return named or free
-
-    def reason(self, name: str) -> str:
-        """Why a column without another role is no observation; empty where it is one."""
-        kind, plain = self.kinds[name], self.plain[name]
-        fits = (why for key, why in _REASONS if (kind == key if isinstance(key, str) else key.fullmatch(plain)))
-        return "text" if kind == "text" else next(fits, "")
-
-    def session(self) -> str | None:
-        """The column of the session, which is no observation; a column called "file" comes before the file itself."""
-        if self.options.session == FILE_SESSION and FILE_SESSION not in self.plain:
-            return FILE_SESSION
-        session = self.one(self.options.session, "session")
-        self.ignored |= {session: "session"} if session in self.free else {}
-        return session
 
     def outcomes(self, data: Collection[str]) -> Iterator[str]:
         """The outcomes, which are no observations; a `DataError` where the user names one among the `data` as well."""

@@ -24,6 +24,9 @@ Ids = Id | Sequence[Id]
 STRETCH = "pauses"
 """The column of the demonstrations that end at pauses, where no other column tells them apart."""
 
+FILE = "file"
+"""The column of the names of files, each of which is a demonstration where no other column tells them apart."""
+
 LENGTH = "length"
 """The word that a user names in the place of a column: the number of steps of each demonstration."""
 
@@ -121,9 +124,6 @@ class Columns:
     session: str | None = None  # or FILE_SESSION
     outcomes: tuple[str, ...] = ()  # and LENGTH; with a minus where more is worse
     lists: Mapping[str, Sequence[str]] = field(default_factory=dict, compare=False)  # columns of the numbers of a list
-    source: str = field(default="", compare=False)  # in messages
-    id_chosen: bool = False  # by the user, and not by its name
-    made: tuple[str, ...] = ()  # columns that are not in the rows of the file yet
     id_written: bool = False  # ids are text, of which whole numbers are numbers
     intervention: str | None = None  # a flag of the steps in which a person had taken over
 
@@ -142,10 +142,10 @@ class Columns:
 
     @property
     def all(self) -> list[str]:
-        """All columns to read, without those that are not there yet."""
+        """All columns to read, without the one that no file has."""
         data, ones = (self.episode, *self.actions, *self.observations), (self.operator, self.task, self.intervention)
         others = *self.orders, *self.index, *self.parts, *self.times, *ones, *self.facts
-        return [name for name in dict.fromkeys((*data, *others)) if name is not None and name not in self.made]
+        return [name for name in dict.fromkeys((*data, *others)) if name not in (None, STRETCH)]
 
 
 def by_column(reasons: Mapping[str, str], lists: Mapping[str, Sequence[str]]) -> dict[str, str]:

@@ -22,17 +22,14 @@ from rpil.data.memory import MIB, check_memory
 from rpil.data.text import counted, each_text, from_cell, to_cell
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
-from rpil.formats.columns import ColumnOptions, Columns, check_names
+from rpil.formats.columns import FILE, ColumnOptions, Columns, check_names
 from rpil.formats.format import Format, StepTables, called
-from rpil.formats.places import in_two_files
 from rpil.formats.scan import without_damaged
 from rpil.formats.steps import ArrowFile
 from rpil.formats.table import other_columns
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt")
-FILE = "file"  # the column of the file's name, where nothing else names the demonstration
 MEMORY_PER_BYTE = 4  # of a file whose numbers have four characters
-_SUFFIX = re.compile(r"\.(?:csv|tsv|txt)$", re.IGNORECASE)
 _SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"}
 _HEAD_LINES = 200
 _CHUNK = 16 * MIB
@@ -134,11 +131,6 @@ def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, defau
         if set(file.names) != set(first.names):
             raise other_columns(name, first_name, file.names, first.names)
     columns = replace(find_text_columns(first, options, default_id), id_written=True)
-    seen: dict[str, str] = {}
-    for name in files if columns.episode == FILE else ():
-        other = seen.setdefault(stem := _SUFFIX.sub("", name), name)
-        if other != name:
-            raise in_two_files(stem, other, name, source)
     words = ["CSV", *[f"separated by {_SEPARATORS[first.separator]}"] * (first.separator != ",")]
     words += ["decimal commas"] * (first.decimal == ",") + [counted(len(files), "file")] * (default_id is not None)
     tables, sizes = _rows_of(files, columns, source)
@@ -170,11 +162,10 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
         content = content[: content.find(b"\n", _HEAD_BYTES) + 1] or content  # whole lines
         with pa.csv.open_csv(pa.BufferReader(content), *_options(file, len(content) + 1)) as reader:
             first = reader.read_all()  # one block: a reader that has not seen the end may outlive Python, and abort
-        kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS))
     if not len(first) and default_id is None:
         said = "it has no rows; write one for each step below the names of its columns"
         raise DataError(f"{file.path.name}: {said}.")
-    return find_columns(file.names, kinds, file.path.name, options, default_id)
+    return find_columns(flat.kinds_of(first.slice(0, flat.HEAD_ROWS)), file.path.name, options, default_id)
 
 
 class _OtherTypeError(DataError):
@@ -262,7 +253,7 @@ def _whole(table: pa.Table, name: str, file: TextTable, columns: Columns) -> pa.
     """The rows of a file called `name` with its name, if it is the id; spaces around texts go, and "" is null, but for
     observations."""
     if columns.episode == FILE:
-        table = table.append_column(FILE, [[_SUFFIX.sub("", name)] * len(table)])
+        table = table.append_column(FILE, [[Path(name).with_suffix("").as_posix()] * len(table)])
     for k, field in enumerate(table.schema):
         if flat.kind_of_type(field.type) == "text" and field.name not in columns.observations:
             texts = each_text(lambda text: from_cell(text.strip()) or None, table[k].cast(pa.string()))

@@ -59,12 +59,8 @@ def from_arrow(
     waiting = map(plain_columns, tables)
     table = next(waiting, pa.table({}))
     check_names(table.column_names, source)
-    kinds = {field.name: flat.kind_of_type(field.type) for field in table.schema}
-    head = table.select([name for name, kind in kinds.items() if kind in ("number", "text")]).slice(0, flat.HEAD_ROWS)
-    kinds |= flat.kinds_of(head)
     lists = flat.parts_of_lists(table, {})
-    kinds |= {name: "nested" for name, kind in kinds.items() if kind == "list" and name not in lists}
-    columns = find_columns(table.column_names, kinds, source, options, default_id, lists)
+    columns = find_columns(flat.kinds_of(table.slice(0, flat.HEAD_ROWS)), source, options, default_id, lists)
     chosen = (flat.flattened(one.select(columns.stored), lists, columns.all) for one in chain([table], waiting))
     return StepTables(chosen, columns, source, format_name)
 
@@ -159,11 +155,6 @@ class Layout:
         kind = columns.options.action_kind
         return cls(_shown(seen), _shown(acted), observation, action, n_parts, order, allows_missing, kind)
 
-    @property
-    def columns(self) -> list[str]:
-        """The columns that are read."""
-        return [*self.actions, *self.observations]
-
     def empty(self, n_steps: int) -> tuple[Array, Array]:
         """Uninitialised observations (n_steps, D) and actions, (n_steps,) or (n_steps, A)."""
         shape = (n_steps, self.n_parts) if self.n_parts else (n_steps,)
@@ -172,7 +163,7 @@ class Layout:
     def write(self, steps: Steps, first: int, observations: Array, actions: Array) -> None:
         """Write steps from the `first` one on to two arrays, which say how many; a `DataError` where a value is missing
         or of the wrong kind."""
-        for row, table, at in steps.tables(self.columns, first, first + len(actions)):
+        for row, table, at in steps.tables([*self.actions, *self.observations], first, first + len(actions)):
             own = slice(row - first, row - first + len(table))
             with guarded(at(0)):
                 self._fill(observations[own], table, self.observations, at)

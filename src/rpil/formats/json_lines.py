@@ -14,8 +14,8 @@ from rpil.data.errors import guarded
 from rpil.data.memory import check_memory
 from rpil.data.text import natural_key
 from rpil.formats import table as flat
-from rpil.formats.columns import ColumnOptions
-from rpil.formats.csv import FILE, MEMORY_PER_BYTE
+from rpil.formats.columns import FILE, ColumnOptions
+from rpil.formats.csv import MEMORY_PER_BYTE
 from rpil.formats.format import Defect, Format, StepTables, from_arrow, plain_columns
 from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table_folder import has_tables
@@ -82,22 +82,18 @@ def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) 
     output.write_bytes(b"".join(line + b"\n" for line, owner in zip(lines, owners, strict=True) if owner in wanted))
 
 
-def _find_defects(path: Path, _: bool) -> list[Defect]:
-    """The files that the lines name and that are empty, or not there."""
-    tables = without_damaged(map(str, _files(path)), lambda name: _parsed(Path(name)))[0]
-    return [*in_table(flat.end_to_end([*tables.values()], path.name), path if path.is_dir() else path.parent)]
-
-
 _NAMED = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".npy", ".npz", ".mp4", ".avi", ".wav", ".pcd")
 _FOLDERS = ("", "images", "IMG", "img")  # where recorders put them beside their table
 
 
-def in_table(table: pa.Table, folder: Path) -> Iterator[Defect]:
+def find_defects(path: Path) -> Iterator[Defect]:
     """Rows, from 0, that name files that are empty, or not there though others are; no path out of the folder, and no
     link, is followed."""
+    tables = without_damaged(map(str, _files(path)), lambda name: _parsed(Path(name)))[0]
+    table, folder = flat.end_to_end([*tables.values()], path.name), path if path.is_dir() else path.parent
     for name in [one.name for one in table.schema if str(one.type).endswith("string")]:
         texts = [PurePosixPath(str(text or "").strip().replace("\\", "/")) for text in table[name].to_pylist()]
-        if not texts or not all(text.suffix.lower() in _NAMED for text in texts[:: max(len(texts) // 20, 1)]):
+        if not all(text.suffix.lower() in _NAMED for text in texts[:: max(len(texts) // 20, 1)]):
             continue
         named = {str(text.parent) for text in texts if not text.is_absolute() and ".." not in text.parts}
         sizes = dict[str, int]()
@@ -120,5 +116,5 @@ FORMAT = Format(
     keep=keep_lines,
     suffixes=JSON_SUFFIXES,
     unkept=lambda path, _: "folder of JSON lines" if path.is_dir() else "",
-    find_defects=_find_defects,
+    find_defects=lambda path, _: [*find_defects(path)],
 )

@@ -70,8 +70,8 @@ def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
     for column, less in ((one.removeprefix("-"), one.startswith("-")) for one in columns.outcomes):
         values = None if column == LENGTH else numbers_or_missing(table[column])
         found = lengths if column == LENGTH else None
-        if values is not None and values.shape[1] == 1:
-            found = outcome_of_steps(values[:, 0].astype(float), steps.offsets, column)
+        if values is not None:
+            found = outcome_of_steps(values.astype(float), steps.offsets, column)
         if found is None:
             kinds = "neither one number for each demonstration, nor a reward, nor a flag of 0 and 1"
             remedy = f"name another column with --outcome, or {LENGTH!r}"
@@ -209,6 +209,16 @@ class MetaFolder:
                 return info
             raise TypeError("no object")
 
+    @property
+    def features(self) -> dict[str, dict[str, Parsed]]:
+        """Facts in ``info.json`` about each feature."""
+        features = self.info.get("features")
+        return {m: of for m, of in features.items() if isinstance(of, dict)} if isinstance(features, dict) else {}
+
+    def cameras(self, *kinds: str) -> tuple[str, ...]:
+        """The features of these kinds, "video" or "image"."""
+        return tuple(name for name, of in self.features.items() if of.get("dtype") in kinds)
+
     def tables(self, name: str) -> list[Path]:
         """The Parquet files of a table, in order."""
         first = (place.relative_to(self.path / "meta").parts[0] for place in self.files)
@@ -257,16 +267,14 @@ def read_metadata(paths: Sequence[str]) -> Metadata:
     if data is None or meta is None or not meta.info:
         return Metadata()
     info = meta.info
-    features = info.get("features")
-    features = features if isinstance(features, dict) else {}
     shown = {str(file) for file in data.rglob("*.parquet") if not file.name.startswith((".", "_"))}
     return Metadata(
         version=str(info.get("codebase_version", ""))[:40],
         fps=frame_rate(info.get("fps")),
-        names={m: parts for m, one in features.items() if isinstance(one, dict) and (parts := _part_names(one))},
+        names={m: parts for m, one in meta.features.items() if (parts := _part_names(one))},
         tasks=meta.tasks(),
-        videos=cameras(info, "video"),
-        n_cameras=len(cameras(info, "video", "image")),
+        videos=meta.cameras("video"),
+        n_cameras=len(meta.cameras("video", "image")),
         lengths=meta.lengths if shown <= {*paths} else {},
     )
 
@@ -283,19 +291,6 @@ def fill(template: str, chunk: int, file: int, camera: str = "") -> str:
     values: dict[str, object] = {"chunk_index": chunk, "file_index": file, "video_key": camera}
     values |= {"episode_chunk": chunk, "episode_index": file}
     return _PLACE.sub(lambda match: format(values[match[1]], match[2] or ""), template)
-
-
-def cameras(info: Mapping[str, Parsed], *kinds: str) -> tuple[str, ...]:
-    """The features of these kinds, "video" or "image", that ``info.json`` names."""
-    features = info.get("features")
-    features = features if isinstance(features, dict) else {}
-    return tuple(name for name, of in features.items() if isinstance(of, dict) and of.get("dtype") in kinds)
-
-
-def chunk_size(info: Mapping[str, Parsed]) -> int | None:
-    """Files in a folder of data; None where ``info.json`` has no whole number above 0 for it."""
-    size = frame_rate(info.get("chunks_size", 1000))
-    return int(size) if size is not None and size.is_integer() else None
 
 
 def _part_names(feature: Mapping[str, object]) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
 from rpil.formats.format import Format, StepTables, called
 from rpil.formats.metadata import Metadata, MetaFolder, read_metadata
-from rpil.formats.parquet_file import bytes_of_groups, check_sizes, check_table, opened, read_table
+from rpil.formats.parquet_file import check_sizes, check_table, opened, read_table
 from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table import BATCH_ROWS, other_columns
 
@@ -35,22 +36,17 @@ def read_files(paths: Sequence[str], options: ColumnOptions, source: str) -> Ste
     """Read files with the same columns."""
     paths, skipped = readable(paths, source) if options.skip_bad else (paths, ())
     try:
-        schema, sizes, columns, metadata, n_bytes = _opened_files(paths, options)
+        found, n_bytes = _opened_files(paths, options, source)
     except DamagedError:
         readable(paths, source, skips=False)
         raise
-    name = f"LeRobot {metadata.version}" if metadata.version else "Parquet"
-    name = name if len(paths) == 1 else f"{name}, {len(paths):,} files"
     if not options.on_disk:
         check_memory(n_bytes, source, options.memory)
-    return StepTables(_tables(paths, schema, columns), columns, source, name, sizes, metadata, skipped=skipped)
+    return replace(found, skipped=skipped)
 
 
-def _opened_files(
-    paths: Sequence[str], options: ColumnOptions
-) -> tuple[pa.Schema, dict[str, int], Columns, Metadata, int]:
-    """The types of the columns that are read, the rows of each file, the columns by their roles, what the files say of
-    themselves, and the bytes that all take in memory; a `DataError` where the columns of the files differ."""
+def _opened_files(paths: Sequence[str], options: ColumnOptions, source: str) -> tuple[StepTables, int]:
+    """The recording in the files, and the bytes that it takes in memory; a `DataError` where their columns differ."""
     schema, sizes, n_bytes, columns, metadata = pa.schema([]), dict[str, int](), 0, None, Metadata()
     short = [Path(path).name for path in paths]  # but where two are called alike
     for path, name in zip(paths, short if len({*short}) == len({*paths}) else paths, strict=True):
@@ -69,9 +65,11 @@ def _opened_files(
             except pa.ArrowException as error:
                 raise other_columns(name, next(iter(sizes))) from error
             sizes[name] = file.metadata.num_rows
-    if columns is None or not sum(sizes.values()):
-        raise DataError(f"{paths[0]}: there are no demonstrations; give at least one with at least one step.")
-    return pa.schema([schema.field(one) for one in columns.stored]), sizes, columns, metadata, n_bytes
+    assert columns is not None, "there is a file"
+    kind = f"LeRobot {metadata.version}" if metadata.version else "Parquet"
+    kind = kind if len(paths) == 1 else f"{kind}, {len(paths):,} files"
+    tables = _tables(paths, pa.schema([schema.field(one) for one in columns.stored]), columns)
+    return StepTables(tables, columns, source, kind, sizes, metadata), n_bytes
 
 
 def _tables(paths: Sequence[str], schema: pa.Schema, columns: Columns) -> Iterator[pa.Table]:
@@ -92,25 +90,23 @@ def columns_of_file(
     file: pq.ParquetFile, path: StrPath, options: ColumnOptions, names: Mapping[str, Sequence[str]] = {}
 ) -> Columns:
     """The columns of an open file, by their names, types and first values; a `DataError` where these are too large."""
-    schema, name = file.schema_arrow, Path(path).name
+    schema, name, n_rows = file.schema_arrow, Path(path).name, file.metadata.num_rows
     check_names(schema.names, name)
-    kinds = {field.name: flat.kind_of_type(field.type) for field in schema} if file.metadata.num_rows else {}
+    kinds = {field.name: flat.kind_of_type(field.type) if n_rows else "number" for field in schema}
     # Of images no value is read, and of very many columns the types are enough.
     plain = [column for column, kind in kinds.items() if kind in ("number", "text")][:_HEAD_COLUMNS]
-    bytes_of_groups(file, plain, name)
-    batch = next(file.iter_batches(flat.HEAD_ROWS, columns=plain, use_threads=False), None)
-    head = None if batch is None else pa.Table.from_batches([batch])
-    if head is not None:
-        check_table(head, name)
-        kinds |= flat.kinds_of(head)
     lists = [column for column, kind in kinds.items() if kind == "list"]
-    check_sizes(file, lists, path)
-    few = next(file.iter_batches(_ROWS_OF_LISTS, columns=lists, use_threads=False), None) if lists else None
-    if few is not None:
-        few.validate(full=True)
-    parts = {} if few is None else flat.parts_of_lists(pa.Table.from_batches([few]), names)
-    kinds |= {column: "nested" for column in lists if column not in parts}
-    return find_columns(schema.names, kinds, name, options, lists=parts)
+    check_sizes(file, [*plain, *lists], path)
+    parts: Mapping[str, Sequence[str]] = {}
+    for own, n in ((plain, flat.HEAD_ROWS), (lists, _ROWS_OF_LISTS)):
+        batch = next(file.iter_batches(n, columns=own, use_threads=False), None) if own else None
+        head = pa.table({}) if batch is None else pa.Table.from_batches([batch])
+        head.validate(full=True)
+        if own is plain:
+            check_table(head, name)
+        kinds |= flat.kinds_of(head)
+        parts = flat.parts_of_lists(head, names)
+    return find_columns(kinds, name, options, lists=parts)
 
 
 def readable(paths: Sequence[str], source: str, skips: object = True) -> tuple[list[str], tuple[str, ...]]:

@@ -14,7 +14,7 @@ from rpil.data.arrays import Id, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
 from rpil.data.text import ORDER_COLUMNS, OUTCOME, plain_name
 from rpil.formats import table as flat
-from rpil.formats.columns import Columns
+from rpil.formats.columns import FILE, STRETCH, Columns
 from rpil.formats.metadata import find_clock
 from rpil.formats.steps import Steps
 from rpil.formats.table import Place
@@ -31,27 +31,30 @@ def find_places(rows: Steps, columns: Columns) -> tuple[Steps, Columns]:
     """
     check_any(len(rows), rows.source)
     names_of, group = _ids(rows, columns)
-    of_file = columns
-    if columns.options.split_gap or columns.options.segment:
+    if is_cut := bool(columns.options.split_gap or columns.options.segment):
         names_of, group = shorter(names_of, group, rows, columns)
-        columns = replace(columns, parts=(), id_chosen=True)
 
     def at(row: int) -> str:
         return replace(rows, ids=(names_of[int(group[row])],), offsets=np.array([row])).place_of(row, 0)
 
-    _check_ids(names_of, group, columns, rows.source)
+    _check_ids(names_of, group, columns, rows.source, is_cut)
     order, words, values = _find_order(rows, columns, group, at)
-    _check_one_id(rows, columns, group, order, at)
+    if not is_cut:
+        _check_one_id(rows, columns, group, order, at)
     chosen, offsets, moved = group_rows(group, values)
     ids = as_ids([names_of[k] for k in chosen.tolist()], rows.source)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
+    if columns.episode == FILE:
+        starts = np.cumsum([0, *rows.sizes.values()])
+        heads = np.union1d(heads, starts[starts < len(rows)])
     files: dict[Id, str] = {}
     for row, file in zip(heads, rows.files(heads) or repeat(rows.source), strict=False):
         if files.setdefault(m := names_of[group[row]], file) != file:
-            raise in_two_files(m, files[m], file, rows.source)
+            remedy = "give each demonstration its own id, in one file"
+            raise DataError(f"{rows.source}, demonstration {m!r}: it is both in {files[m]} and in {file}; {remedy}.")
     apart = "; rows of a demonstration lay apart" if len(heads) > len(chosen) else ""
     rows = replace(rows if moved is None else rows.taken(moved), ids=ids, offsets=offsets)
-    return rows, replace(of_file, order=order, order_words=f"{words}{apart}")
+    return rows, replace(columns, order=order, order_words=f"{words}{apart}")
 
 
 def _ids(rows: Steps, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:
@@ -60,7 +63,7 @@ def _ids(rows: Steps, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:
     Of text tables all are numbers where all are written as whole numbers of at most 64 bits.
     """
     numbers, group = dict[Id, int](), np.zeros(len(rows), np.int32)
-    if columns.episode in columns.made:
+    if columns.episode == STRETCH:
         return [0], group
     for row, part, place in rows.tables([columns.episode]):
         ids, codes = flat.id_codes(part, columns.episode, place)
@@ -69,12 +72,6 @@ def _ids(rows: Steps, columns: Columns) -> tuple[list[Id], Int[Array, " N"]]:
     if texts and all(_WHOLE_NUMBER.fullmatch(text) and abs(int(text)) < 1 << 63 for text in texts):
         return [int(text) for text in texts], group
     return [*texts] or [*numbers], group
-
-
-def in_two_files(m: Id, first: str, second: str, source: str) -> DataError:
-    """The error that a demonstration is in two files."""
-    remedy = "give each demonstration its own id, in one file"
-    return DataError(f"{source}, demonstration {m!r}: it is both in {first} and in {second}; {remedy}.")
 
 
 def _find_order(steps: Steps, columns: Columns, group: Array, at: Place) -> tuple[str | None, str, Array | None]:
@@ -104,15 +101,15 @@ def _find_order(steps: Steps, columns: Columns, group: Array, at: Place) -> tupl
     return None, fault or _FILE_ORDER, None
 
 
-def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str) -> None:
-    """A `DataError` where ids are yes or no; or where a user chose the time or number of a row."""
+def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str, is_cut: bool) -> None:
+    """A `DataError` where ids are yes or no; or where a user chose the time or number of a row, or too short times."""
     name, plain, flags = columns.episode, plain_name(columns.episode), {str(name).lower() for name in names[:3]}
     if flags <= {"true", "false"} or (flags <= {"0", "1"} and OUTCOME.fullmatch(plain)):
         raise DataError(
             f"{source}: column {name!r} is yes or no, and no id; where it marks the ends of demonstrations, make a "
             f"column of ids from it, in Python: numpy.cumsum({name}) - {name}."
         )
-    if not columns.id_chosen or len(group) < 2:
+    if not (is_cut or columns.options.id) or len(group) < 2:
         return
     ways = "name the column of the demonstration with --id, or, where pauses divide demonstrations, --split-gap"
     if 2 * len(names) > len(group):
@@ -153,12 +150,12 @@ def shorter(
     "P01-0" and "P01-1"; and after each `segment` seconds from its first row on: into "P01 [0, 10) s" and
     "P01 [10, 20) s".
     """
-    clock, is_new = find_clock(replace(rows, offsets=np.arange(2)), columns), columns.episode in columns.made
+    clock, is_new = find_clock(replace(rows, offsets=np.arange(2)), columns), columns.episode == STRETCH
     if clock is None or clock.unit is None:
         said = (
             "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"
         )
-        raise DataError(f"{columns.source}: {said} --order; make one of times in texts.")
+        raise DataError(f"{rows.source}: {said} --order; make one of times in texts.")
     seconds = clock.ticks * clock.unit
     if gap := columns.options.split_gap:
         steps, counts, labels = np.diff(seconds, prepend=np.nan), Counter[int](), list[Id]()
@@ -166,20 +163,13 @@ def shorter(
         for k in group[starts].tolist():
             labels.append(counts[k] if is_new else f"{names[k]}-{counts[k]}")
             counts[k] += 1
-        names, group = _numbered(labels, np.cumsum(starts) - 1)
+        names, group = labels, np.cumsum(starts) - 1
     if length := columns.options.segment:
         if np.isnan(seconds).any():
-            raise DataError(f"{columns.source}: the column of time lacks values; fill it in.")
+            raise DataError(f"{rows.source}: the column of time lacks values; fill it in.")
         first = seconds[np.unique(group, return_index=True)[1]]
         parts = np.stack([group, np.floor((seconds - first[group]) / length)])
         pairs, places = np.unique(parts, axis=1, return_inverse=True)
         ends = ((names[int(k)], part * length, (part + 1) * length) for k, part in pairs.T.tolist())
-        names, group = _numbered([f"{m} [{a:.10g}, {b:.10g}) s" for m, a, b in ends], places.reshape(-1))
+        names, group = [f"{m} [{a:.10g}, {b:.10g}) s" for m, a, b in ends], places.reshape(-1)
     return [*names], group
-
-
-def _numbered(labels: Sequence[Id], rows: Array) -> tuple[list[Id], Int[Array, " N"]]:
-    """The different labels, and the number of that of each row, where `rows` has the place of its label."""
-    numbers: dict[Id, int] = {}
-    codes = [numbers.setdefault(label, len(numbers)) for label in labels]
-    return [*numbers], np.array(codes, np.int32)[rows]

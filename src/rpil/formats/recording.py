@@ -117,7 +117,7 @@ class Recording:
         """Whether a person had taken over in each step; None where no column says it."""
         name = self.columns.intervention
         values = None if name is None else numbers_or_missing(self.steps.read([name])[name])
-        return None if values is None or not np.isin(values, (0, 1)).all() else np.asarray(values[:, 0] > 0)
+        return None if values is None or not np.isin(values, (0, 1)).all() else values > 0
 
     def times(self) -> Times:
         """The statements of the file on its own times and lengths."""
@@ -174,15 +174,14 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
     layout = Layout.of(steps.table.schema, columns)
     ids, asked = steps.ids, _asked(steps.ids, options, source)
     steps = steps.only(asked)
-    seen, left_out, aside = scan(steps, layout, columns), dict[str, str](), list[Id]()
+    seen, aside = scan(steps, layout, columns), list[Id]()
     if options.skip_bad is True and seen.faulty:
         is_sound = ~np.isin(np.arange(len(steps.ids)), [*seen.faulty])
         if not is_sound.any():
             raise DataError(f"{source}: in every demonstration a value is missing or infinite; exclude the column.")
-        aside, left_out, steps = [steps.ids[m] for m in sorted(seen.faulty)], seen.left_out, steps.only(is_sound)
-        left = {name: shown for name, shown in layout.observations.items() if name not in left_out}
-        seen = scan(steps, replace(layout, observations=left), columns)
-    ignored, found = left_out | seen.left_out, replace(found, tables=())
+        aside, steps = [steps.ids[m] for m in sorted(seen.faulty)], steps.only(is_sound)
+        seen = scan(steps, layout, columns)
+    ignored, found = seen.left_out, replace(found, tables=())
     columns = replace(
         columns,
         observations=tuple(m for m in columns.observations if m not in ignored),
@@ -194,10 +193,9 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
         lengths = {m: declared[m] for m in steps.ids if m in declared}
         found = replace(found, metadata=replace(found.metadata, lengths=lengths))
     clock = find_clock(steps, columns)
-    description = _describe(steps, columns, seen, found, clock)
     n_asked = f"{asked.sum():,} of {len(ids):,} demonstrations are read, as asked."
-    notes = (*description.notes, *([] if asked.all() else [n_asked]), *left_out_lines((), aside))
-    description = replace(description, notes=notes)
+    of_choice = [*([] if asked.all() else [n_asked]), *left_out_lines((), aside)]
+    description = _describe(steps, columns, seen, found, clock, of_choice)
     return Recording(description, steps, columns, seen, found, clock, ids, options, set_aside=tuple(aside))
 
 
@@ -242,7 +240,9 @@ def from_demonstrations(demonstrations: Demonstrations, format_name: str) -> Ste
     return StepTables([pa.table(table)], columns, d.source, format_name, {d.source: d.n_steps})
 
 
-def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, clock: Clock | None) -> Description:
+def _describe(
+    steps: Steps, columns: Columns, found: Scan, origin: StepTables, clock: Clock | None, of_choice: Sequence[str]
+) -> Description:
     metadata, layout, n_steps = origin.metadata, found.layout, len(steps)
     seconds, recorded = clock.seconds(steps.offsets) if clock else (None, None)
     operators, tasks = (pairs_of(steps, name) for name in (columns.operator, columns.task))
@@ -250,7 +250,6 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
     others = (name for name in (*columns.orders, *columns.index) if name != columns.order)
     times, videos = dict.fromkeys(others, TIME_OF_STEP), dict.fromkeys(metadata.videos, "video")
     ranges, constant, missing = found.summary()
-    cameras = f"{counted(n := metadata.n_cameras, 'camera')} {'are' if n > 1 else 'is'}"
     return Description(
         source=origin.source,
         format=origin.format_name,
@@ -272,20 +271,15 @@ def _describe(steps: Steps, columns: Columns, found: Scan, origin: StepTables, c
         ignored={**columns.ignored, **times, **videos, **origin.ignored},
         missing=missing,
         ranges=ranges,
-        notes=(
-            *_notes(steps, columns, metadata.fps, recorded, constant),
-            *origin.notes,
-            *left_out_lines(origin.skipped),
-            *[f"{cameras} not used: rpil judges by numbers, not by images."] * bool(n),
-        ),
+        notes=(*_notes(steps, columns, origin, recorded, constant), *of_choice),
     )
 
 
 def _notes(
-    steps: Steps, columns: Columns, fps: float | None, recorded: float | None, constant: Sequence[str]
+    steps: Steps, columns: Columns, origin: StepTables, recorded: float | None, constant: Sequence[str]
 ) -> list[str]:
-    """Sentences on how steps were divided, on times that differ from those declared, and on `constant` columns."""
-    notes, options = list[str](), columns.options
+    """Sentences on how steps were divided, on times that differ from those declared, and on what is not used."""
+    notes, options, fps = list[str](), columns.options, origin.metadata.fps
     if options.split_gap:
         notes.append(f"A demonstration ends where more than {options.split_gap:g} s pass, or time starts again.")
     if options.segment:
@@ -297,4 +291,8 @@ def _notes(
     if constant and len(steps.ids) < len(steps):
         named = (f"observation {name}" if name.isdecimal() else name for name in constant)
         notes.append(f"Constant in each demonstration: {commas(named)}; exclude what nobody could see.")
+    notes += [*origin.notes, *left_out_lines(origin.skipped)]
+    if n := origin.metadata.n_cameras:
+        cameras = f"{counted(n, 'camera')} {'are' if n > 1 else 'is'}"
+        notes.append(f"{cameras} not used: rpil judges by numbers, not by images.")
     return notes

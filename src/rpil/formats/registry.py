@@ -17,7 +17,7 @@ import pyarrow as pa
 
 from rpil.data import files
 from rpil.data.arrays import Id
-from rpil.data.errors import DataError, MissingExtraError, guarded
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath
 from rpil.data.id_values import check_ids
 from rpil.data.memory import FREE_SHARE, MOST_IN_MEMORY, Size, TooLargeError, check_memory, free_memory
@@ -25,7 +25,6 @@ from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, StepTables, called, from_arrow
 from rpil.formats.recording import Recording, from_tables
-from rpil.formats.steps import NoCopyError
 
 _LISTS = (".json", ".txt")
 """Extensions of lists of ids."""
@@ -68,15 +67,7 @@ def find_format(path: StrPath) -> Format | None:
     if not place.exists():
         return None
     files.check_folder(files.check_exists(place))
-    for one in FORMATS:
-        try:
-            if one.claims(place):
-                return one
-        except (DataError, MissingExtraError):
-            raise
-        except Exception:  # damaged files make libraries raise errors of very many types
-            continue
-    return None
+    return next((one for one in FORMATS if one.claims(place)), None)
 
 
 @dataclass(frozen=True)
@@ -88,18 +79,12 @@ class ClaimedPath:
 
     def read(self, options: ColumnOptions = ColumnOptions(), *, on_disk: bool | None = False) -> Recording:
         """The recording; see `rpil.formats.read_recording`."""
-        if on_disk is not None:
-            return self._read(replace(options, on_disk=on_disk), options.memory)
-        with suppress(TooLargeError):
-            return self._read(options, options.memory or min(MOST_IN_MEMORY, FREE_SHARE * free_memory()))
-        folder = tempfile.gettempdir()
-        logging.getLogger("rpil").warning("%s: large, so read from a copy on disk, in %s.", self.path, folder)
-        try:
-            return self._read(replace(options, on_disk=True), options.memory)
-        except NoCopyError:
+        if on_disk is None:
             with suppress(TooLargeError):
-                return self._read(options, options.memory)
-            raise
+                return self._read(options, options.memory or min(MOST_IN_MEMORY, FREE_SHARE * free_memory()))
+            folder = tempfile.gettempdir()
+            logging.getLogger("rpil").warning("%s: large, so read from a copy on disk, in %s.", self.path, folder)
+        return self._read(replace(options, on_disk=on_disk is not False), options.memory)
 
     def _read(self, options: ColumnOptions, memory: Size | None) -> Recording:
         """The recording, whose rows may take so much `memory`."""

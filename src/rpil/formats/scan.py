@@ -49,7 +49,7 @@ class Scan:
     _n_changes: int = 0
 
     def __post_init__(self) -> None:
-        self._read = self.layout.columns
+        self._read = [*self.layout.actions, *self.layout.observations]
         self.missing, self.within = np.zeros(n := len(self._read), int), np.ones(n, bool)
         self.low, self.high = np.full((2, n), np.nan)
 
@@ -59,7 +59,7 @@ class Scan:
         for name in self._read:
             found = flat.numbers_or_missing(table[name])
             is_null = table[name].is_null().to_numpy() if found is None else ()  # texts are 0 or NaN
-            read[name] = np.where(is_null, np.nan, 0.0) if found is None else found[:, 0]
+            read[name] = np.where(is_null, np.nan, 0.0) if found is None else found
         kind = np.float32 if all(own.dtype == np.float32 for own in read.values()) else float
         values = np.stack([*read.values()], dtype=kind)  # in which numbers are compared fast
         low, high = values.min(axis=1), values.max(axis=1)
@@ -168,7 +168,7 @@ def scan(steps: Steps, layout: Layout, columns: Columns) -> Scan:
     for first, end in pairwise(bounds):
         rows = slice(int(steps.offsets[first]), int(steps.offsets[end]))
         owners = np.repeat(np.arange(first, end), lengths[first:end])
-        found.add(steps.read(layout.columns, rows), owners, partial(steps.place_of, rows.start))
+        found.add(steps.read(found._read, rows), owners, partial(steps.place_of, rows.start))
     found.finish(steps)
     return found
 

@@ -100,11 +100,11 @@ def from_parts(
     first, kinds = parts[0], _kinds(parts[0])
     widths = {name: math.prod(first.arrays[name].shape[1:]) for name, kind in kinds.items() if kind == "list"}
     lists = {name: flat.part_names(name, width, metadata.names.get(name, ())) for name, width in widths.items()}
-    columns = find_columns(list(kinds), kinds, source, replace(options, id=options.id or id_column), lists=lists)
+    columns = find_columns(kinds, source, replace(options, id=options.id or id_column), lists=lists)
     without = [name for name in columns.ignored if name in first.arrays and not first.has_steps(name)]
     more = (name for part in parts[1:] for name in (*part.arrays, *part.about) if name not in kinds)
     ignored = {**columns.ignored, **dict.fromkeys(without, NO_STEPS), **dict.fromkeys(more, NOT_IN_FIRST)}
-    columns = replace(columns, ignored=ignored, id_chosen=options.id is not None)
+    columns = replace(columns, ignored=ignored)
     whole = [name for name in columns.all if all(name in part.about for part in parts)]
     steps = [name for name in columns.stored if name not in whole]
     for part in sorted(parts, key=lambda part: all(name in part.arrays or name in part.about for name in steps)):

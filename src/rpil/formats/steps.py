@@ -29,19 +29,15 @@ _BATCHES_AT_ONCE = 16
 """Batches that are put in another order together, each of which may be all over the file."""
 
 
-class NoCopyError(DataError):
-    """No copy on disk can be written."""
-
-
 class ArrowFile:
-    """A temporary file of Arrow with batches of `n_batch` rows; it goes with the object that wrote it.
+    """A temporary file of Arrow with batches of `BATCH_ROWS` rows; it goes with the object that wrote it.
 
     Where the system can, it has no name until another process needs one, so that no way to end leaves it behind; then
     its `handle` is open.
     """
 
-    def __init__(self, path: str, schema: pa.Schema, n_rows: int, n_batch: int, handle: int = -1) -> None:
-        self.path, self.schema, self._n_rows, self.n_batch, self._handle = path, schema, n_rows, n_batch, handle
+    def __init__(self, path: str, schema: pa.Schema, n_rows: int, handle: int = -1) -> None:
+        self.path, self.schema, self._n_rows, self._handle = path, schema, n_rows, handle
         self._last: tuple[tuple[int | str, ...], pa.Table] | None = None
 
     def __len__(self) -> int:
@@ -55,7 +51,7 @@ class ArrowFile:
                 os.link(self.path, name, src_dir_fd=handle)  # with which links are followed
             weakref.finalize(self, _remove, name, os.getpid())
             self.path, self._handle = name, -1
-        return ArrowFile, (self.path, self.schema, self._n_rows, self.n_batch)
+        return ArrowFile, (self.path, self.schema, self._n_rows)
 
     def batch(self, number: int, columns: Sequence[str]) -> pa.Table:
         """Some columns of a batch; its pages are mapped into memory for as long as the table is there."""
@@ -80,7 +76,7 @@ class ArrowFile:
         schema = pa.schema([one.with_type(plain_type(one.type)) for one in first.schema])
         with _writing(source):
             path, handle = _new_file(first.nbytes / max(len(first), 1) * n_rows)
-            new = cls(path, schema, 0, BATCH_ROWS, handle)
+            new = cls(path, schema, 0, handle)
             weakref.finalize(new, *((_remove, path, os.getpid()) if handle < 0 else (os.close, handle)))
             sink = pa.OSFile(path, "wb")
             writer = pa.ipc.new_file(sink, schema)
@@ -138,7 +134,7 @@ def _writing(name: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise NoCopyError(
+        raise DataError(
             f"{name}: a copy of its rows cannot be written to {tempfile.gettempdir()} "
             f"({error.strerror or 'it cannot be used'}); set TMPDIR to another folder, or allow more with --memory."
         ) from error
@@ -162,13 +158,13 @@ class Steps:
         """Some of the rows, in this order."""
         if isinstance(self.table, pa.Table):
             return replace(self, table=self.table.take(rows), place=self.numbers(rows))
-        table, n_rows = self.table, _BATCHES_AT_ONCE * self.table.n_batch
+        table, n_rows = self.table, _BATCHES_AT_ONCE * BATCH_ROWS
 
         def some(part: Array) -> pa.Table:
             order = np.argsort(part, kind="stable")
-            numbers, starts = np.unique((own := part[order]) // table.n_batch, return_index=True)
+            numbers, starts = np.unique((own := part[order]) // BATCH_ROWS, return_index=True)
             each = zip(numbers.tolist(), np.split(own, starts[1:]), strict=True)
-            found = [table.batch(k, table.schema.names).take(rows - k * table.n_batch) for k, rows in each]
+            found = [table.batch(k, table.schema.names).take(rows - k * BATCH_ROWS) for k, rows in each]
             return pa.concat_tables(found).take(np.argsort(order))
 
         parts = map(some, np.split(rows, range(n_rows, len(rows), n_rows)))
@@ -191,11 +187,10 @@ class Steps:
     ) -> Iterator[tuple[int, pa.Table, Place]]:
         """Rows ``first:last`` in tables: the first row of each, the table, and the place of a row for messages."""
         last = len(self) if last is None else last
-        size = self.table.n_batch if isinstance(self.table, ArrowFile) else BATCH_ROWS
         whole = self.table.select(columns) if isinstance(self.table, pa.Table) else None
-        for start in range(first - first % size, last, size):
-            a, b = max(start, first), min(start + size, last)
-            table = self.table.batch(start // size, columns).slice(a - start) if whole is None else whole.slice(a)
+        for start in range(first - first % BATCH_ROWS, last, BATCH_ROWS):
+            a, b = max(start, first), min(start + BATCH_ROWS, last)
+            table = self.table.batch(start // BATCH_ROWS, columns).slice(a - start) if whole is None else whole.slice(a)
             yield a, table.slice(0, b - a), partial(self.place_of, a)
 
     def place_of(self, first: int, row: int) -> str:

@@ -32,13 +32,12 @@ HEAD_ROWS = 1000
 
 
 def kinds_of(head: pa.Table) -> dict[str, Kind]:
-    """The kind of every column by its type and its first values; of none where there are no values."""
-    found = {field.name: kind_of_type(field.type) for field in head.schema} if head.num_rows else {}
-    for name, kind in found.items():
-        if kind == "text":
-            texts = [text.strip() for text in head[name].unique().to_pylist() if text]
-            if texts and 2 * sum(map(is_number, texts)) >= len(texts):
-                found[name] = "mixed"
+    """The kind of every column by its type and its first values; where there are no rows, all may be numbers."""
+    found = {field.name: kind_of_type(field.type) if len(head) else "number" for field in head.schema}
+    for name in (name for name, kind in found.items() if kind == "text"):
+        texts = [text.strip() for text in head[name].unique().to_pylist() if text]
+        if texts and 2 * sum(map(is_number, texts)) >= len(texts):
+            found[name] = "mixed"
     return found
 
 
@@ -222,18 +221,12 @@ def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Ar
 
 
 def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:
-    """A column as (N, K) floats with NaN for missing values; None for text, and for lists of unequal length."""
-    kind, n_rows, width = kind_of_type(column.type), len(column), 1
-    if kind == "list":
-        widths = pc.list_value_length(column)
-        if column.null_count or pc.count_distinct(widths).as_py() != 1:
-            return None
-        width, column = widths[0].as_py(), column.combine_chunks().flatten()
-    if kind not in ("list", "number"):
+    """A column as (N,) floats with NaN for missing values; None where it holds no numbers."""
+    if kind_of_type(column.type) != "number":
         return None
     floats = column if pa.types.is_floating(column.type) else column.cast(pa.float64(), safe=False)
-    whole = floats.chunk(0) if getattr(floats, "num_chunks", 0) == 1 else floats  # of which no copy is made
-    return np.reshape(whole.to_numpy(zero_copy_only=False), (n_rows, width))
+    whole = floats.chunk(0) if floats.num_chunks == 1 else floats  # of which no copy is made
+    return np.asarray(whole.to_numpy(zero_copy_only=False))
 
 
 def order_values(column: pa.ChunkedArray) -> Array | None:

@@ -8,12 +8,12 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from rpil.data.errors import DataError, guarded
-from rpil.data.files import StrPath, check_exists, check_folder, is_hidden
+from rpil.data.errors import DataError
+from rpil.data.files import StrPath, is_hidden
 from rpil.data.memory import LARGEST_METADATA
 from rpil.data.text import OWN_TABLES
 from rpil.formats import csv, parquet
-from rpil.formats.columns import ColumnOptions
+from rpil.formats.columns import FILE, ColumnOptions
 from rpil.formats.csv import TEXT_SUFFIXES
 from rpil.formats.format import Format, StepTables
 from rpil.formats.metadata import MetaFolder
@@ -60,7 +60,7 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
     if parquet_files:
         found = parquet.read_files([*map(str, parquet_files)], options, source)
     else:
-        found = csv.read_files(text_files, options, source, csv.FILE)
+        found = csv.read_files(text_files, options, source, FILE)
     kind = "Parquet files" if parquet_files else "text tables"
     return replace(found, ignored=dict.fromkeys(others, f"not read beside {kind}"))
 
@@ -75,23 +75,19 @@ def has_tables(path: StrPath) -> bool:
 def find_files(path: StrPath) -> tuple[list[Path], list[Path]]:
     """The Parquet files and the text tables of a data set in the order of their names; none of them is opened.
 
-    A `DataError` where `path` does not exist or cannot be listed, or in it is a folder of LeRobot.
+    A `DataError` where in `path` is a folder of LeRobot.
     """
-    where = str(path)
-    with guarded(where, "it cannot be listed", "check the path"):
-        place = os.path.abspath(check_exists(where))
-        check_folder(place)
-        for inner in (*Path(place).glob("*/meta/info.json"), *Path(place).glob("*/*/meta/info.json")):
-            raise DataError(f"{path}: in it is a folder of LeRobot, which is read alone; give {inner.parents[1]}.")
-        if Path(place).name == "meta" and Path(place, "info.json").is_file():
-            raise DataError(f"{path}: it describes a folder of LeRobot; give that one, {Path(place).parent}.")
-        data = os.path.join(place, "data")
-        place = data if os.path.isdir(data) else place
-        meta = os.path.join(place, "meta")  # of LeRobot, with tables of other things
-        walk = ((folder, files) for folder, _, files in os.walk(place, followlinks=True) if not folder.startswith(meta))
-        paths = sorted(os.path.join(folder, name) for folder, files in walk for name in files)
-    shown = [Path(one) for one in paths if not is_hidden(one.removeprefix(place).lstrip("/"))]
-    names = {one: one.name.lower() for one in shown if not one.name.startswith((".", "_"))}
+    top = Path(os.path.abspath(path))
+    for inner in (*top.glob("*/meta/info.json"), *top.glob("*/*/meta/info.json")):
+        raise DataError(f"{path}: in it is a folder of LeRobot, which is read alone; give {inner.parents[1]}.")
+    if top.name == "meta" and (top / "info.json").is_file():
+        raise DataError(f"{path}: it describes a folder of LeRobot; give that one, {top.parent}.")
+    top = top / "data" if (top / "data").is_dir() else top
+    meta, found = str(top / "meta"), list[str]()  # of LeRobot, with tables of other things
+    for folder, folders, files in os.walk(top):
+        folders[:] = [name for name in folders if not (folder == str(top) and is_hidden(name))]
+        found += [os.path.join(folder, m) for m in files if m[0] not in "._" and not folder.startswith(meta)]
+    names = {Path(one): one.lower() for one in sorted(found)}
     texts = (*TEXT_SUFFIXES, *_PACKED)
     return [m for m in names if names[m].endswith(".parquet")], [m for m in names if names[m].endswith(texts)]
 

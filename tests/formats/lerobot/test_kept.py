@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -90,6 +91,18 @@ def test_videos_that_are_missing_are_named(tmp_path):
         find(root).keep(tmp_path / "kept", [0, 4])
     find(root).keep(tmp_path / "kept", [0, 1])
     assert len(folders.read(tmp_path / "kept")) == 2
+
+
+def test_an_episode_in_two_files_is_refused(tmp_path):
+    root = folders.write(tmp_path / "drive", LENGTHS)
+    first, second, *_ = sorted((root / "data").rglob("*.parquet"))
+    moved = (table := pq.read_table(first)).slice(len(table) - 1)
+    pq.write_table(table.slice(0, len(table) - 1), first)
+    pq.write_table(pa.concat_tables([moved, pq.read_table(second)]), second)
+    m = moved["episode_index"][0].as_py()
+    said = rf"demonstration {m}: it is both in .*{first.name} and in .*{second.name}; write its rows to one file"
+    with pytest.raises(DataError, match=said):
+        find(root).keep(tmp_path / "kept", [m])
 
 
 @pytest.mark.parametrize("place", ["../../{video_key}.mp4", "videos/../../secret.mp4"])

@@ -20,10 +20,10 @@ from rpil.data.files import check_inside, copy_folder, replacing
 from rpil.data.memory import Parsed
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot.video import NEAR_SECONDS, find_faults, load_av
-from rpil.formats.metadata import MetaFolder, cameras, chunk_size, fill, frame_rate, usual_step
+from rpil.formats.metadata import MetaFolder, fill, frame_rate, usual_step
 from rpil.formats.parquet_file import read_table
 from rpil.formats.scan import parts_in_words, without_damaged
-from rpil.formats.table import numbers_or_missing
+from rpil.formats.table import flattened, numbers_or_missing, parts_of_lists
 from rpil.formats.table_folder import find_files
 from rpil.numerics.types import Array
 
@@ -52,17 +52,9 @@ def joined_stats(episodes: Sequence[ColumnStatistics]) -> dict[str, Parsed]:
 
 INFO, STATS, EPISODES_STATS = "meta/info.json", "meta/stats.json", "meta/episodes_stats.jsonl"
 
-PATHS = {
-    "v3.0": (
-        "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
-        "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
-    ),
-    "v2.1": (
-        "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
-        "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4",
-    ),
-}
-"""Where LeRobot has its data and its videos, by its version."""
+DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
+"""Where LeRobot 3.0 has its data and its videos."""
 
 
 class EpisodeRows(NamedTuple):
@@ -86,8 +78,13 @@ class CheckedFolder(MetaFolder):
     @cached_property
     def data(self) -> dict[int, EpisodeRows]:
         """The rows of each episode, by the data; of those in damaged files there are none."""
-        found, _ = without_damaged(map(str, find_files(self.path)[0]), self._rows_in)
-        return {m: rows for own in found.values() for m, rows in own.items()}
+        found: dict[int, EpisodeRows] = {}
+        for own in without_damaged(map(str, find_files(self.path)[0]), self._rows_in)[0].values():
+            for m in own.keys() & found.keys():
+                said = f"it is both in {found[m].file} and in {own[m].file}; write its rows to one file"
+                raise DataError(f"{self.path}, demonstration {m}: {said}.")
+            found |= own
+        return found
 
     def _rows_in(self, file: str) -> dict[int, EpisodeRows]:
         with guarded(file):
@@ -96,12 +93,12 @@ class CheckedFolder(MetaFolder):
         all_times = numbers_or_missing(table["timestamp"]) if "timestamp" in columns else None
         numbers, offsets, rows = group_rows(table["episode_index"].to_numpy())
         of_each = np.split(np.arange(len(table)) if rows is None else rows, offsets[1:-1])
-        fps, has_videos = frame_rate(self.info.get("fps")), bool(cameras(self.info, "video"))
+        fps, has_videos = frame_rate(self.info.get("fps")), bool(self.cameras("video"))
         for m, own in zip(numbers.tolist(), of_each, strict=True):
             first = table["index"][int(own[0])].as_py() if "index" in columns else -1
             timing, frames = (0.0, 0.0, 0.0), np.arange(len(own))
             if fps is not None and all_times is not None:
-                times = all_times[own, 0]
+                times = all_times[own]
                 if str(self.info.get("codebase_version")).startswith("v2"):  # which may begin within a video
                     frames = frames + np.rint(times[0] * fps)
                 gaps = times - frames / fps if has_videos else np.diff(times) - 1 / fps
@@ -112,21 +109,18 @@ class CheckedFolder(MetaFolder):
             found[m] = EpisodeRows(len(own), first, place, *timing)
         return found
 
-    def data_files(self, only: Collection[str] | None = None) -> list[Path]:
-        """The data files that hold episodes, `only` these or any."""
-        own = (rows.file for m, rows in self.data.items() if only is None or str(m) in only)
-        return [self.path / file for file in dict.fromkeys(own)]
-
     def states(self) -> dict[int, Array]:
         """The state of each episode, (N, D), as that of the joints of a robot; empty where the data have none."""
         names = [name for name in self.info["features"] if name.startswith(("observation.state", "state"))]
         found: dict[int, Array] = {}
-        for file in self.data_files():
+        for file in dict.fromkeys(self.path / rows.file for rows in self.data.values()):
             table = read_table(file, ["episode_index", *names])
-            values = [numbers_or_missing(table[name]) for name in names if name in table.column_names]
+            lists = parts_of_lists(table, {})
+            wanted = [part for name in table.column_names[1:] for part in lists.get(name, (name,))]
+            values = map(numbers_or_missing, flattened(table, lists, wanted).columns)
             if columns := [one for one in values if one is not None]:
                 numbers, offsets, rows = group_rows(table["episode_index"].to_numpy())
-                joined = np.hstack(columns) if rows is None else np.hstack(columns)[rows]
+                joined = np.stack(columns, axis=1)[slice(None) if rows is None else rows]
                 found |= zip(numbers.tolist(), np.split(joined, offsets[1:-1]), strict=True)
         return found
 
@@ -154,14 +148,16 @@ class CheckedFolder(MetaFolder):
         return found
 
     def shots(self, only: Collection[str] | None = None) -> list[Shot]:
-        """Where the frames of each episode that is there, `only` these or all, are, by camera."""
+        """Where the frames of each episode that is there, `only` these or all, are, by camera; a `DataError` where
+        ``meta`` does not say, or a video lies outside the folder."""
         found: list[Shot] = []
-        if chunk_size(self.info) is None:
+        n_in_chunk = frame_rate(self.info.get("chunks_size", 1000)) or 0.5
+        if not n_in_chunk.is_integer():
             said = str(self.info["chunks_size"])[:20]
             raise DataError(f"{self.path / INFO}: chunks_size is {said}, no whole number above 0; correct it.")
         fps = frame_rate(self.info.get("fps")) or np.inf
         there = [m for m in sorted(self.data.keys() & self.episodes.keys()) if only is None or str(m) in only]
-        for camera in cameras(self.info, "video"):
+        for camera in self.cameras("video"):
             own = []
             for m in there:
                 row = self.episodes[m]
@@ -171,7 +167,10 @@ class CheckedFolder(MetaFolder):
                 if not (isinstance(start, int | float) and isinstance(end, int | float) and -1 < start < end):
                     said = f"from_timestamp is {start!s:.20}, to_timestamp {end!s:.20}; correct them"
                     raise DataError(f"meta/episodes, demonstration {m}: {said}.")
-                own.append(Shot(camera, m, self.video(camera, m), start, end, self.data[m].n))
+                names = [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index")]
+                chunk, file = (row[name] for name in names) if names[0] in row else (m // int(n_in_chunk), m)
+                check_inside(place := self.path / fill(self.info["video_path"], chunk, file, camera), self.path)
+                own.append(Shot(camera, m, place, start, end, self.data[m].n))
             starts = defaultdict[Path, list[float]](list)
             for shot in own:
                 starts[shot.path].append(shot.start)
@@ -181,15 +180,6 @@ class CheckedFolder(MetaFolder):
                 last = float(min(shot.start + shot.n_rows / fps, following))
                 found.append(replace(shot, end=max(shot.end, last)))
         return found
-
-    def video(self, camera: str, m: int) -> Path:
-        """The video in which a camera saw an episode; a `DataError` where it lies outside the folder."""
-        row, names = self.episodes[m], [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index")]
-        chunk, file = (row[name] for name in names) if names[0] in row else (m // (chunk_size(self.info) or 1), m)
-        template = self.info.get("video_path") or PATHS[self.info["codebase_version"]][1]
-        place = self.path / fill(template, chunk, file, camera)
-        check_inside(place, self.path)
-        return place
 
 
 def annotate(path: Path, output: Path, columns: Mapping[str, Mapping[str, object]]) -> None:
@@ -240,7 +230,7 @@ def _in_times(folder: CheckedFolder) -> Iterator[Defect]:
                 f"declared are {fps:.3g} frames a second, recorded {recorded:.3g}; timestamps are up to {off:.3g} s off"
             )
         said = f"LeRobot cannot load these rows: {why}"
-        if not cameras(folder.info, "video"):
+        if not folder.cameras("video"):
             said = f"{why}; LeRobot loads these rows all the same, for they have no videos"
         is_all = len(wrong) == len(folder.data)
         place = f"all {len(wrong)} episodes" if is_all else parts_in_words(wrong, "episode", [])
@@ -294,7 +284,7 @@ def _in_episodes(folder: CheckedFolder) -> Iterator[Defect]:
             f"{name} is {row[name]}, not {value}" for name, value in expected.items() if row.get(name, value) != value
         ]
         places = [row[f"data/{name}"] for name in ("chunk_index", "file_index") if f"data/{name}" in row]
-        named = fill(str(folder.info.get("data_path") or PATHS["v3.0"][0]), *places) if places else file
+        named = fill(str(folder.info.get("data_path") or DATA_PATH), *places) if places else file
         wrong += [f"its data are in {file}, not in {named}"] if named != file else []
         if wrong:
             yield Defect("episode table", str(m), "; ".join(wrong))
