@@ -32,7 +32,7 @@ from rpil.inference.settings import HeldOutSettings, OutlierSettings
 from rpil.numerics.regression import MIN_WEIGHT
 from rpil.numerics.types import Array, Bool, Float, Int
 
-N_NEIGHBOURS, MAX_STEPS = 5, 1_000  # chosen by hand, not tuned
+N_NEIGHBOURS, MAX_SEARCHED = 5, 1_000  # chosen by hand, not tuned
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +123,7 @@ def neighbour_gain(group: Bool[Array, " M"], data: FitData, settings: HeldOutSet
     """`own_gain` by the mean action in the `N_NEIGHBOURS` nearest states of the other members, in place of a linear
     policy; of many steps, by every second, third and so on. -inf where only one member has such steps."""
     rows = np.flatnonzero(data.per_step(group))
-    rows = rows[:: -(-len(rows) // MAX_STEPS)]
+    rows = rows[:: -(-len(rows) // MAX_SEARCHED)]
     owner = data.per_step(np.arange(len(group)))[rows]
     k = min(N_NEIGHBOURS, len(rows) - int(np.bincount(owner).max()))
     if k == 0:
