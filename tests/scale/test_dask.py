@@ -91,6 +91,7 @@ def test_killed_worker_changes_no_result(cluster, tmp_path, monkeypatch):
 
 
 def test_only_parameters_and_sums_are_sent(cluster):
+    cluster.wait_for_workers(2, timeout=60)  # one was killed before
     data = demonstrations()
     model = small_rpil().fit(data)
     problem = FitData(
