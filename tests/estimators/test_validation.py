@@ -1,7 +1,5 @@
 """Arguments and data that a fit refuses, each in one sentence."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from sklearn.base import clone

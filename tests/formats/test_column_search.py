@@ -1,7 +1,5 @@
 """Which column holds what: by name and type, and as the user says."""
 
-from __future__ import annotations
-
 import time
 
 import pytest

@@ -119,13 +119,10 @@ def test_timestamps_are_in_seconds(tmp_path, unit):
     [
         ("time", [0.0, 0.5], 1.0),
         ("time", [0.0, 1.0], None),  # whole numbers may count anything
-        ("time", [0, 1], None),
-        ("x", [0.0, 0.5], None),
-        ("stamp_ms", [0, 1], 1e-3),
-        ("ms", [0, 1], None),
+        ("time", [0, 1], None), ("x", [0.0, 0.5], None), ("stamp_ms", [0, 1], 1e-3), ("ms", [0, 1], None),
         *(("x", [0, 17 * 10**n], unit) for n, unit in ((8, None), (11, 1e-3), (14, 1e-6), (17, 1e-9))),
     ],
-)
+)  # fmt: skip
 def test_the_unit_of_a_time_is_known_by_its_name_or_its_size(name, values, unit):
     assert unit_of(name, pa.array(values).type, np.array(values)) == unit
 

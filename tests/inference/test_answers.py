@@ -1,7 +1,5 @@
 """Answers, counted, divided, shared by copies, and made rows of a regression, by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

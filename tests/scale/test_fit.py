@@ -1,7 +1,5 @@
 """What passes over everything say of demonstrations outside the sample, and the weights of their steps."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Segments tile demonstrations; planted acts are found and named, and nobody else; cuts; and what marks teach."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -263,16 +261,11 @@ def segments(n=40):
 @pytest.mark.parametrize(
     ("label", "expected"),
     [
-        ((0, 0, 10, True), [1, 0]),
-        ((0, 0, 10, False), [-1, 0]),
-        ((0, 2, 20, True), [1, 1]),
-        ((0, 12, 14, False), [0, -1]),
-        ((0, 6, 13, True), [1, 0]),
-        ((0, 5, 15, True), [1, 1]),
-        ((0, 3, 4, True), [1, 0]),
-        ((1, 0, 10, True), [0, 0]),
+        ((0, 0, 10, True), [1, 0]), ((0, 0, 10, False), [-1, 0]), ((0, 2, 20, True), [1, 1]),
+        ((0, 12, 14, False), [0, -1]), ((0, 6, 13, True), [1, 0]), ((0, 5, 15, True), [1, 1]),
+        ((0, 3, 4, True), [1, 0]), ((1, 0, 10, True), [0, 0]),
     ],
-)
+)  # fmt: skip
 def test_a_label_marks_what_it_shares_half_with(label, expected):
     assert marked(segments(), [label])[:2].tolist() == expected
 

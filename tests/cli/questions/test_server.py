@@ -1,7 +1,5 @@
 """What the server of a review shows, and what answers change."""
 
-from __future__ import annotations
-
 import json
 import threading
 from dataclasses import replace
