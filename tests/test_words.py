@@ -11,13 +11,10 @@ TOOL = runpy.run_path(str(Path(__file__).parents[1] / "tools" / "lint_words.py")
 @pytest.mark.parametrize(
     "source",
     [
-        '"""What is left."""',
-        'class A:\n    """Those that stay."""',
-        'def f():\n    """\n    Of a step."""',
-        'LIMIT = 3\n"""That which is allowed."""',
-        'class A:\n    width: int\n    """Of a column."""',
+        '"""What is left."""', 'class A:\n    """Those that stay."""', 'def f():\n    """\n    Of a step."""',
+        'LIMIT = 3\n"""That which is allowed."""', 'class A:\n    width: int\n    """Of a column."""',
     ],
-)
+)  # fmt: skip
 def test_a_riddle_is_seen(tmp_path, source):
     (tmp_path / "module.py").write_text(source)
     assert len(TOOL["riddles"](tmp_path)) == 1
