@@ -90,9 +90,7 @@ USUAL |= {"delay": 1, "left": left({2: 0.01}), "change": 1}
 
 
 def commands(rule, many=1, both=False, fits=True, lag=2, **odd):
-    """A rule about the commands c2 and c3, which c0 and c1 follow: the first `many` of eight have one that is odd, or
-    both.
-    """
+    """A rule about commands, c2 and c3, of c0 and c1: c2, or both, are odd in the first `many` of eight."""
     rows = np.arange(M)[:, None] < many
     each = {name: [True] if name == "left" else [True, both] for name in USUAL}
     *own, delay, rest, change = (np.where(rows & each[k], odd.get(k, usual), 1.0 * usual) for k, usual in USUAL.items())
