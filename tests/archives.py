@@ -1,16 +1,13 @@
 """Archives of models: their members, and the same archive with other members."""
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile
 
 import numpy as np
-import pytest
 
+import problems
 from rpil import Demonstrations, load
-from rpil.data.errors import DataError
 from rpil.simulation.simulate import simulate
 
 LOST = "do not belong together"
@@ -50,11 +47,7 @@ def npy(array):
 
 def refused(path, match):
     """Loading fails with one sentence that names the file and the remedy."""
-    with pytest.raises(DataError, match=match) as caught:
+    with problems.refused(match) as caught:
         load(path)
-    message = str(caught.value)
-    assert message.startswith(str(path))
-    assert "\n" not in message
-    assert message.endswith(".")
-    assert ". " not in message
-    assert ";" in message
+    assert str(caught.value).startswith(str(path))
+    assert ";" in str(caught.value)

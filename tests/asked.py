@@ -1,7 +1,5 @@
 """Demonstrations about which questions are asked."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq

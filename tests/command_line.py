@@ -1,7 +1,5 @@
 """Calls of the command ``rpil`` in this process."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

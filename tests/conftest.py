@@ -1,7 +1,5 @@
 """What several files of tests share."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 

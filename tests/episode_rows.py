@@ -1,7 +1,5 @@
 """Rows of episodes, and files of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv

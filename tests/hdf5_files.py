@@ -1,7 +1,5 @@
 """HDF5 files in the layouts of robomimic, robosuite, ALOHA and D4RL, small and of random numbers."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Smooth recordings of a robot with three joints that follow its commands two steps later, and faults in them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq

@@ -1,7 +1,5 @@
 """The server of a review in a thread, and requests to it."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import re

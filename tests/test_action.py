@@ -1,7 +1,5 @@
 """The action and the hook of pre-commit, whose steps are run as GitHub and pre-commit run them."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """`tools/crafted_files.py`: some of its cases; what reading may take is limited by tests/data/test_hostile_*.py."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from pathlib import Path
 

@@ -4,8 +4,6 @@
 which is to be undone, or the format has changed, which asks for another version of it and for files written anew.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import subprocess

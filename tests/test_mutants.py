@@ -1,7 +1,5 @@
 """The mutants of `tools/mutants.py`."""
 
-from __future__ import annotations
-
 import runpy
 import tomllib
 from pathlib import Path

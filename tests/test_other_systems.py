@@ -12,10 +12,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 import rpil
-from rpil.cli.main import main
+from command_line import ok, refused
 
 TOOL = runpy.run_path(str(Path(__file__).parents[1] / "tools" / "path_of_audit.py"))
 
@@ -26,12 +25,6 @@ def drive(tmp_path, monkeypatch):
     TOOL["write_demonstrations"](Path("drive.csv"))
     Path("labels.csv").write_text("id,label\n0,bad\n4,bad\n1,good\n")
     return Path("drive.csv")
-
-
-def run(*words: str) -> str:
-    done = CliRunner().invoke(main, [*words])
-    assert done.exit_code == 0, done.output
-    return done.stdout
 
 
 def with_crlf(path: Path) -> Path:
@@ -45,13 +38,13 @@ def test_lines_may_end_in_cr_lf(drive):
     """Those of the data and of labels, and of tables that rpil wrote."""
     windows = with_crlf(drive)
     assert rpil.audit(windows).verdicts == rpil.audit(drive).verdicts
-    run("keep", "drive.csv", "-o", "kept.csv", "--labels", "labels.csv")
-    run("keep", str(windows), "-o", "kept_crlf.csv", "--labels", str(with_crlf(Path("labels.csv"))))
+    ok("keep", "drive.csv", "-o", "kept.csv", "--labels", "labels.csv")
+    ok("keep", str(windows), "-o", "kept_crlf.csv", "--labels", str(with_crlf(Path("labels.csv"))))
     assert Path("kept_crlf.csv").read_bytes() == Path("kept.csv").read_bytes().replace(b"\n", b"\r\n")
-    run("audit", "drive.csv", "--labels", "labels.csv", "--verdicts", "v.csv", "--keep", "k.json")
+    ok("audit", "drive.csv", "--labels", "labels.csv", "--verdicts", "v.csv", "--keep", "k.json")
     for name in ("v.csv", "k.json"):
         for number, table in enumerate((Path(name), with_crlf(Path(name)))):
-            run("keep", "drive.csv", "-o", f"{name}{number}.json", "--verdicts", str(table))
+            ok("keep", "drive.csv", "-o", f"{name}{number}.json", "--verdicts", str(table))
         kept = [json.loads(Path(f"{name}{number}.json").read_text())["episodes"] for number in (0, 1)]
         assert kept[0] == kept[1] != []
 
@@ -62,12 +55,7 @@ def test_a_file_that_another_process_holds_open_stays_and_the_error_names_it(dri
 
     Path("kept.csv").write_text("old\n")
     monkeypatch.setattr(os, "replace", refuse)
-    done = CliRunner().invoke(main, ["keep", "drive.csv", "-o", "kept.csv"])
-    assert done.exit_code == 2
-    assert "kept.csv" in done.stderr
-    assert "cannot be written" in done.stderr
-    assert Path("kept.csv").read_text() == "old\n"
-    assert {path.name for path in Path().iterdir()} == {"drive.csv", "kept.csv", "labels.csv"}
+    refused("kept.csv.*cannot be written", "keep", drive, "-o", "kept.csv")
 
 
 ELSEWHERE = """
@@ -101,6 +89,6 @@ def test_the_same_without_fork_signals_and_what_only_linux_has(drive, tmp_path, 
     there = subprocess.run(code, env=environment, capture_output=True, text=True, check=False)
     assert there.returncode == 0, there.stderr
     assert list((tmp_path / "temporary").iterdir()) == []  # copies of rows go with their process
-    run("audit", "drive.csv", "--verdicts", "here.csv", "--memory", "64KB")
+    ok("audit", drive, "--verdicts", "here.csv", "--memory", "64KB", settings=None)
     tables = [[row.split(",")[:2] for row in Path(name).read_text().splitlines()] for name in ("v.csv", "here.csv")]
     assert tables[0] == tables[1]

@@ -1,7 +1,5 @@
 """`tools/release.py`: versions that disagree, licences that ask for more, and the list of all packages."""
 
-from __future__ import annotations
-
 import runpy
 from pathlib import Path
 
@@ -13,14 +11,11 @@ TOOL = runpy.run_path(str(Path(__file__).parents[1] / "tools" / "release.py"))
 @pytest.mark.parametrize(
     ("version", "heading", "cited", "faults"),
     [
-        ("1.2.0", "1.2.0 (2026-11-29)", "1.2.0", 0),
-        ("1.2.0.dev0", "1.2.0 (unreleased)", "1.2.0.dev0", 0),
-        ("1.2.0", "1.2.0 (unreleased)", "1.2.0", 1),
-        ("1.2.0.dev0", "1.2.0 (2026-11-29)", "1.2.0.dev0", 1),
-        ("1.2.0", "1.1.0 (2026-11-29)", "1.1.0", 2),
-        ("1.2", "1.2 (2026-11-29)", "1.2", 1),
+        ("1.2.0", "1.2.0 (2026-11-29)", "1.2.0", 0), ("1.2.0.dev0", "1.2.0 (unreleased)", "1.2.0.dev0", 0),
+        ("1.2.0", "1.2.0 (unreleased)", "1.2.0", 1), ("1.2.0.dev0", "1.2.0 (2026-11-29)", "1.2.0.dev0", 1),
+        ("1.2.0", "1.1.0 (2026-11-29)", "1.1.0", 2), ("1.2", "1.2 (2026-11-29)", "1.2", 1),
     ],
-)
+)  # fmt: skip
 def test_versions_that_disagree_are_named(tmp_path, version, heading, cited, faults):
     (tmp_path / "pyproject.toml").write_text(f'[project]\nversion = "{version}"\n')
     (tmp_path / "CHANGELOG.md").write_text(f"# Changelog\n\n## {heading}\n")

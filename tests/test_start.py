@@ -1,7 +1,5 @@
 """What the commands import: libraries that take long stay out of the way to an audit."""
 
-from __future__ import annotations
-
 import runpy
 import subprocess
 import sys

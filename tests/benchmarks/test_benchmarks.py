@@ -1,7 +1,5 @@
 """Names of scripts and of ablations are those that texts use."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The benchmark of planted recording faults: what it plants and counts, and its table."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Every contestant on a case where it is known to work, so that none loses through a bug of ours."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

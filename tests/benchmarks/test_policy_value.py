@@ -1,7 +1,5 @@
 """The benchmark of policies: rules, what they are told, the report by hand, and its quick mode."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 from types import SimpleNamespace

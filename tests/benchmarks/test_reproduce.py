@@ -1,7 +1,5 @@
 """The paper's tables: statistics of the played episodes."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

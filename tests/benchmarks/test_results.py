@@ -1,7 +1,5 @@
 """docs/results.md: what runs, what is not run again, and where figures come from."""
 
-from __future__ import annotations
-
 import json
 import platform
 import subprocess

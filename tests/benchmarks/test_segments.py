@@ -1,7 +1,5 @@
 """The benchmark of segments: its measures by brute force, and its quick run."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

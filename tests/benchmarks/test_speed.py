@@ -1,7 +1,5 @@
 """The page of speeds: all rows are of one commit."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Worlds: changes of recorded sets, and tables of sequences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A current folder for each test, and files that all tests may read."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The files of ``rpil audit``: a table of verdicts and the demonstrations to keep; nothing joins the data."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

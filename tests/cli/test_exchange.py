@@ -1,7 +1,5 @@
 """Findings for other tools: SARIF, Markdown, JSON by its schema, and rules by their numbers."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

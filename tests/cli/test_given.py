@@ -1,7 +1,5 @@
 """What is given of demonstrations beside their steps: outcomes, sessions, and a reference of good ones."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

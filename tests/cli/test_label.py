@@ -1,7 +1,5 @@
 """The questions of ``rpil label``: what is asked, written, undone and named."""
 
-from __future__ import annotations
-
 import io
 import re
 import sys

@@ -1,7 +1,5 @@
 """The commands: what they print and write."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import types

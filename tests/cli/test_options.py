@@ -1,7 +1,5 @@
 """Options have one name, one default and the same choices in all commands and in Python."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from pathlib import Path

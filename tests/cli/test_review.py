@@ -1,7 +1,5 @@
 """``rpil review`` as a process: what it prints, that an end by force loses nothing, and how it is interrupted."""
 
-from __future__ import annotations
-
 import json
 import re
 import signal

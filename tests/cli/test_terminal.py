@@ -1,7 +1,5 @@
 """Lines, tables, and warnings in a terminal."""
 
-from __future__ import annotations
-
 import sys
 
 import click

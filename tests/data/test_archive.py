@@ -84,15 +84,11 @@ WEIGHTS = "policy/weights.npy"
 @pytest.mark.parametrize(
     ("member", "array"),
     [
-        (WEIGHTS, None),
-        (WEIGHTS, np.ones((3, 3), dtype=np.float32)),
-        (WEIGHTS, np.ones((4, 3))),
-        (WEIGHTS, np.full((3, 3), np.nan)),
-        ("more.npy", np.zeros(2)),
-        ("classes.npy", np.arange(4)),
+        (WEIGHTS, None), (WEIGHTS, np.ones((3, 3), dtype=np.float32)), (WEIGHTS, np.ones((4, 3))),
+        (WEIGHTS, np.full((3, 3), np.nan)), ("more.npy", np.zeros(2)), ("classes.npy", np.arange(4)),
         ("classes.npy", np.array([2, 1, 0])),
     ],
-)
+)  # fmt: skip
 def test_load_refuses_missing_extra_and_misshapen_arrays(saved, member, array):
     rewrite(saved, {member: None if array is None else npy(array)})
     refused(saved, LOST)
@@ -111,16 +107,11 @@ def set_in(tree, path, value):
 @pytest.mark.parametrize(
     ("path", "value"),
     [
-        (("fitted", "policy_"), ...),
-        (("fitted", "more_"), 1),
-        (("fitted", "policy_", "class"), "os.system"),
-        (("fitted", "policy_", "fields", "ridge"), ...),
-        (("fitted", "features_", "fields", "kind"), "nystroem"),
-        (("classes",), {"array": ["classes"]}),
-        (("names", "predict"), ["x", "y"]),
-        (("classes",), None),
+        (("fitted", "policy_"), ...), (("fitted", "more_"), 1), (("fitted", "policy_", "class"), "os.system"),
+        (("fitted", "policy_", "fields", "ridge"), ...), (("fitted", "features_", "fields", "kind"), "nystroem"),
+        (("classes",), {"array": ["classes"]}), (("names", "predict"), ["x", "y"]), (("classes",), None),
     ],
-)
+)  # fmt: skip
 def test_load_refuses_inconsistent_headers(saved, path, value):
     rewrite(saved, header=lambda tree: set_in(tree, path, value))
     refused(saved, LOST)

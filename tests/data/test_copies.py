@@ -1,7 +1,5 @@
 """Copies of demonstrations: which are the same, bit for bit."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -183,13 +183,10 @@ def test_bad_episodes(second, match):
 @pytest.mark.parametrize(
     ("X", "y", "groups", "match"),
     [
-        (X, Y, [0, 0, 1], "one row per step"),
-        (X, Y[:3], [0, 0, 1, 1, 1], "one row per step"),
-        (X, Y, [0, 0, 1, 1, np.nan], "fill in the missing"),
-        (X, Y, [0, 0, 1, 1, 0.5], "whole numbers or text"),
-        (X, Y, np.array(["a", None, "a", "a", "a"], dtype=object), "mix text"),
-        ([], [], [], "no demonstrations"),
+        (X, Y, [0, 0, 1], "one row per step"), (X, Y[:3], [0, 0, 1, 1, 1], "one row per step"),
+        (X, Y, [0, 0, 1, 1, np.nan], "fill in the missing"), (X, Y, [0, 0, 1, 1, 0.5], "whole numbers or text"),
+        (X, Y, np.array(["a", None, "a", "a", "a"], dtype=object), "mix text"), ([], [], [], "no demonstrations"),
     ],
-)
+)  # fmt: skip
 def test_bad_groups(X, y, groups, match):
     refusal(match, Demonstrations.from_groups, X, y, groups)

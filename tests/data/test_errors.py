@@ -1,7 +1,5 @@
 """Errors that users meet."""
 
-from __future__ import annotations
-
 import copy
 import time
 

@@ -1,7 +1,5 @@
 """The data of one fit, by demonstration."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Files with some other bytes end in one sentence, whatever the format: ``tools/fuzz_readers.py`` reads many more."""
 
-from __future__ import annotations
-
 import sys
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path

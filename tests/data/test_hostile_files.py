@@ -1,8 +1,6 @@
 """Files made to break the reader, or that declare, or decode to, far more than they hold: one sentence each, and soon.
 None takes more than 1 GiB."""
 
-from __future__ import annotations
-
 import gzip
 import io
 import json

@@ -1,7 +1,5 @@
 """Files of ids and values: labels, pairs and demonstrators."""
 
-from __future__ import annotations
-
 import csv
 
 import numpy as np

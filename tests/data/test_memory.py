@@ -1,7 +1,5 @@
 """Sizes in words, and the refusal of data that would not fit."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Facts about demonstrations: what a column says of how each ended, and what a user gives."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

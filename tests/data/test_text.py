@@ -1,7 +1,5 @@
 """Names from data are shown as they are, but for characters that cannot be seen."""
 
-from __future__ import annotations
-
 import csv
 import itertools
 import sys

@@ -1,7 +1,5 @@
 """The picture of the rooms shows the imports, and every name in docs/architecture.md exists."""
 
-from __future__ import annotations
-
 import importlib
 import re
 from pathlib import Path

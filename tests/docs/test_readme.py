@@ -1,7 +1,5 @@
 """The README: its commands run and print what it shows; `tests/cli/test_demo.py` compares its figures."""
 
-from __future__ import annotations
-
 import contextlib
 import doctest
 import io

@@ -1,7 +1,5 @@
 """Every block of every tutorial runs and prints what the page says, and every finding is explained."""
 
-from __future__ import annotations
-
 import json
 import re
 import runpy

@@ -1,7 +1,5 @@
 """`rpil.audit` says what the command says, of a path and of what is in memory."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

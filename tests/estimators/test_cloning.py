@@ -1,7 +1,5 @@
 """Behavioural cloning is scikit-learn's logistic regression, whatever the amount of data, of the features chosen."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.special import log_softmax

@@ -1,7 +1,5 @@
 """Actions at random, of which a part has few values: nothing can be learned from them, and nobody is doubted."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

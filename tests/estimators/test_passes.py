@@ -1,7 +1,5 @@
 """Fits to more data than the judge reads: what it would say of everything, wherever the data lie."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Robust maximum entropy: concentration steps, the best subset, and what a user can get wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations
 

@@ -1,7 +1,5 @@
 """Settings of the stages reach them through `RPIL`, and refuse invalid values."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Arguments and data that a fit refuses, each in one sentence."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from sklearn.base import clone
@@ -11,6 +9,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
+from rpil.estimators.task import answers_of
 
 
 @pytest.mark.parametrize(
@@ -77,6 +76,14 @@ ONE_ACTION = Demonstrations(TOY.observations, np.zeros_like(TOY.actions), TOY.of
 def test_errors_are_one_sentence(model, data, words):
     with refused(words):
         model.fit(data)
+
+
+def test_outcomes_are_files_with_their_names_or_numbers(tmp_path):
+    path, numbers = tmp_path / "grade.csv", [float(m) for m in range(12)]
+    path.write_text("id,value\n" + "".join(f"d{m},{m}\n" for m in range(12)))
+    for given, name in ((str(path), "grade"), ([str(path)], "grade"), (numbers, "outcome"), (np.arange(12), "outcome")):
+        known = answers_of(None, given, TOY.demonstrations)
+        assert (known.names, known.outcomes[:, 0].tolist()) == ((name,), numbers)
 
 
 @pytest.mark.parametrize(("weight", "words"), [(0.0, "zero"), (-1.0, "[Nn]egative")])

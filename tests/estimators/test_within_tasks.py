@@ -1,7 +1,5 @@
 """A recording is judged within its tasks and sessions, from Python as by the command."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute

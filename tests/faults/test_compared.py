@@ -1,7 +1,5 @@
 """What rules make of what was measured, by hand: where each limit lies, and what is not a fault yet."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,8 +8,8 @@ import pytest
 
 from rpil.faults.checking import without_consequences
 from rpil.faults.measured_columns import MeasuredColumns
-from rpil.faults.motion import CommandRule, Jump, Spike
-from rpil.faults.rule import ComparingRule, Fault, Measurements, above
+from rpil.faults.motion import CommandRule, Jump, RepeatedFrames, Scale, Spike
+from rpil.faults.rule import Fault, Measurements, above
 from rpil.faults.still import FrozenSensor, NeverMoves, Saturation
 from rpil.faults.tracking import Tracked
 from rpil.faults.whole_rules import IdleEnd, Length, OtherLag
@@ -49,14 +47,11 @@ def found(rule):
 @pytest.mark.parametrize(
     ("values", "factor", "least", "expected"),
     [
-        ([1, 1, 1, 1, 1], 3.0, 0.0, 3.0),
-        ([1, 1, 1, 1.5, 9], 3.0, 0.0, 1.5 * 1.5**3),
-        ([1, 1, 1, 1.5, 9], 4.0, 0.0, 1.5 * 4),
-        ([0, 0, 0, 1, 9], 3.0, 1.0, 2 * 8),
-        ([0, 0, 0, 1.01, 9], 3.0, 1.0, np.inf),
-        ([0, 0, 0, 0, 9], 3.0, 0.0, 0.0),
+        ([1, 1, 1, 1, 1], 3.0, 0.0, 3.0), ([1, 1, 1, 1.5, 9], 3.0, 0.0, 1.5 * 1.5**3),
+        ([1, 1, 1, 1.5, 9], 4.0, 0.0, 1.5 * 4), ([0, 0, 0, 1, 9], 3.0, 1.0, 2 * 8),
+        ([0, 0, 0, 1.01, 9], 3.0, 1.0, np.inf), ([0, 0, 0, 0, 9], 3.0, 0.0, 0.0),
     ],
-)
+)  # fmt: skip
 def test_unusual_is_what_is_beyond_the_upper_quartile_and_how_far_the_quartiles_lie_apart(
     values, factor, least, expected
 ):
@@ -73,15 +68,14 @@ def test_a_value_counts_in_limits_and_nothing_is_known_without_one():
 @pytest.mark.parametrize(
     ("lengths", "expected"),
     [
-        ([100, 100, 100, 100, 100, 250], [(1.25, 200)]),
-        ([100, 100, 100, 100, 100, 40], [(1.25, 50)]),
+        ([100, 100, 100, 100, 100, 250], [(1.25, 200)]), ([100, 100, 100, 100, 100, 40], [(1.25, 50)]),
         ([100, 100, 100, 100, 100, 200], []),  # as long as the limit
         ([*[100] * 14, *[30] * 4], [(50 / 30, 50)] * 4),
         ([*[100] * 16, *[30] * 5], "unknown"),  # more than four, and than a tenth: another sampling rate
         ([*[100] * 16, *[300] * 5], "unknown"),
         ([50, 60, 60, 100, 200, 200], "unknown"),  # it is known what is too long, and not what is too short
     ],
-)
+)  # fmt: skip
 def test_lengths_are_compared_where_both_limits_are_known(lengths, expected):
     rule = applied(Length, np.zeros((len(lengths), 1)), lengths=np.array(lengths))
     assert rule.silent == (("",) if expected == "unknown" else ())
@@ -92,18 +86,13 @@ def test_lengths_are_compared_where_both_limits_are_known(lengths, expected):
 @pytest.mark.parametrize(
     ("shift", "gain", "expected"),
     [
-        ([3], [0.5], 0.5 / 0.09),
-        ([-2], [0.5], 0.5 / 0.09),
-        ([1], [0.5], 0.5 / 0.09),
-        ([3], [0.05], None),
-        ([3, -5], [0.5, 0.3], 0.5 / 0.09),
+        ([3], [0.5], 0.5 / 0.09), ([-2], [0.5], 0.5 / 0.09), ([3], [0.05], None), ([3, -5], [0.5, 0.3], 0.5 / 0.09),
         ([3, 3, 3], [0.5, 0.5, 0.5], "unknown"),  # only five of eight have the usual lag
         ([3, 3, 3], [0.5, 0.02, 0.02], 0.5 / (0.05 * (5 / 3) ** 3)),  # what hardly gains has it
-        ([1, 1, 1], [0.02, 0.02, 0.02], None),
         ([3, *[0] * 7], [0.5, *[0.1] * 7], 0.5 / 0.39),
         ([3, 3, 3, *[0] * 5], [0.1] * 8, None),  # so much is gained by chance
     ],
-)
+)  # fmt: skip
 def test_a_lag_is_another_where_most_have_the_usual_one(shift, gain, expected):
     rule = applied(OtherLag, np.array(shift + [0] * (M - len(shift))), np.array(gain + [0.0] * (M - len(gain))))
     assert rule.silent == (("",) if expected == "unknown" else ())
@@ -113,7 +102,7 @@ def test_a_lag_is_another_where_most_have_the_usual_one(shift, gain, expected):
 
 def test_a_lag_of_few_steps_may_be_another_by_chance():
     shift, gain = np.array([3] + [0] * 7), np.array([0.3] + [0.0] * 7)
-    for steps, found_in in ((15, [0]), (1, [])):  # two and a half standard deviations are .09, and .35
+    for steps, found_in in ((2, [0]), (1, [])):  # two and a half standard deviations are .25, and .35
         rule = applied(OtherLag, shift, gain, lengths=np.full(M, steps))
         assert [fault.id for fault in rule.findings()] == found_in
 
@@ -144,21 +133,27 @@ def held(still, at, first=5, moving=1.0, shift=100.0):
 @pytest.mark.parametrize(
     ("case", "frozen", "saturated"),
     [
-        ({"still": 30, "at": 5.0}, 2.5, None),
-        ({"still": 12, "at": 5.0}, None, None),
-        ({"still": 30, "at": 5.0, "first": 1}, 2.5, None),
-        ({"still": 30, "at": 5.0, "first": 0}, None, None),
-        ({"still": 30, "at": 0.0}, None, 2.5),
-        ({"still": 30, "at": 10.0}, None, 2.5),
+        ({"still": 30, "at": 5.0}, 2.5, None), ({"still": 12, "at": 5.0}, None, None),
+        ({"still": 30, "at": 5.0, "first": 1}, 2.5, None), ({"still": 30, "at": 5.0, "first": 0}, None, None),
+        ({"still": 30, "at": 0.0}, None, 2.5), ({"still": 30, "at": 10.0}, None, 2.5),
         ({"still": 30, "at": 5.0, "moving": 0.25}, 2.5, None),
         ({"still": 30, "at": 5.0, "moving": 0.24}, "unknown", "unknown"),
     ],
-)
+)  # fmt: skip
 def test_one_value_for_long_is_no_fault_at_first(case, frozen, saturated):
     for (_, rule), expected in zip(held(**case), (frozen, saturated), strict=True):
         assert rule.silent == (("c0",) if expected == "unknown" else ())
         assert found(rule) == ([(3, case.get("first", 5), case.get("first", 5) + 30)] if expected == 2.5 else [])
         assert [fault.severity for fault in rule.findings()] == ([2.5] if expected == 2.5 else [])
+
+
+@pytest.mark.parametrize(("n", "severity"), [(12, 2.0), (15, 2.5), (11, None)])
+def test_all_observations_that_stay_to_the_end_are_one_finding(n, severity):
+    one = np.ones((M, 1))
+    runs = one, one, one, 5 * one, 0 * one, 10 * one, np.full(M, 30), n * (np.arange(M) < 1)
+    rule = applied(FrozenSensor, *runs)
+    assert found(rule) == [(0, 30, 30 + n)] * bool(severity)
+    assert [(fault.column, fault.severity) for fault in rule.findings()] == [("", severity)] * bool(severity)
 
 
 def test_other_columns_with_the_fault_are_counted():
@@ -172,22 +167,16 @@ def test_other_columns_with_the_fault_are_counted():
 @pytest.mark.parametrize(
     ("ranges", "expected"),
     [
-        ([0.0] + [1.0] * 7, [0]),
-        ([0.0] * 2 + [1.0] * 6, [0, 1]),
+        ([0.0] + [1.0] * 7, [0]), ([0.0] * 2 + [1.0] * 6, [0, 1]),
         ([0.0] * 3 + [1.0] * 5, "unknown"),  # more than a quarter
         ([0.0] * 4 + [1.0] * 16, [0, 1, 2, 3]),
         ([0.0] * 5 + [1.0] * 15, "unknown"),  # more than four, and than a tenth
-        ([0.0] * 6 + [1.0] * 54, [0, 1, 2, 3, 4, 5]),
-        ([0.0] * 7 + [1.0] * 53, "unknown"),
-        ([0.005] + [1.0] * 7, [0]),
-        ([0.006] + [1.0] * 7, "unknown"),
-        ([0.0, 0.25] + [1.0] * 6, [0]),
+        ([0.0] * 6 + [1.0] * 54, [0, 1, 2, 3, 4, 5]), ([0.0] * 7 + [1.0] * 53, "unknown"),
+        ([0.005] + [1.0] * 7, [0]), ([0.006] + [1.0] * 7, "unknown"), ([0.0, 0.25] + [1.0] * 6, [0]),
         ([0.0, 0.24] + [1.0] * 6, "unknown"),  # some move far less than others
-        ([0.0, 4.0] + [1.0] * 6, [0]),
-        ([0.0, 4.1] + [1.0] * 6, "unknown"),
-        ([0.0] * 8, "unknown"),
+        ([0.0, 4.0] + [1.0] * 6, [0]), ([0.0, 4.1] + [1.0] * 6, "unknown"), ([0.0] * 8, "unknown"),
     ],
-)
+)  # fmt: skip
 def test_a_column_never_moves_where_few_do_not_and_the_others_move_alike(ranges, expected):
     rule = applied(NeverMoves, np.array(ranges)[:, None], np.zeros((len(ranges), 1)))
     assert rule.silent == (("c0",) if expected == "unknown" else ())
@@ -203,21 +192,15 @@ def idle(inner=0.01, outer=0.01, middle=0.01, first=0.01, last=0.01, n=12):
 @pytest.mark.parametrize(
     ("motion", "is_idle"),
     [
-        (idle(), True),
-        (idle(inner=0.0124), True),
+        (idle(), True), (idle(inner=0.0124), True),
         (idle(inner=0.0126), False),  # it decays: a controller settles
-        (idle(inner=0.0126, outer=0.0), True),
-        (idle(inner=0.0126, middle=0.04), False),
-        (idle(middle=0.04, first=0.04), True),
-        (idle(inner=0.0126, last=0.04), False),
+        (idle(inner=0.0126, outer=0.0), True), (idle(inner=0.0126, middle=0.04), False),
+        (idle(middle=0.04, first=0.04), True), (idle(inner=0.0126, last=0.04), False),
         (idle(n=9), False),  # too short
-        (idle(n=10), True),
-        (idle(inner=0.0126, n=10), False),
-        (idle(inner=0.0126, n=9), False),
-        (idle(inner=0.0126, n=14), False),
+        (idle(n=10), True), (idle(inner=0.0126, n=10), False), (idle(inner=0.0126, n=14), False),
         (idle(inner=0.0124, middle=0.04, first=0.04, n=14), True),
     ],
-)
+)  # fmt: skip
 def test_ends_are_idle_where_no_controller_settles(motion, is_idle):
     before, moving = np.ones(5), np.ones(6)
     for at_head in (True, False):
@@ -239,7 +222,6 @@ def test_steps_are_told_with_their_time_where_it_is_known():
     data = Measurements(None, {}, (), np.array([3]), 1.0)
     assert data.in_steps(2) == "2 steps (2000 ms)"
     assert Measurements(None, {}, (), np.array([3]), None).in_steps(1) == "1 step"
-    assert issubclass(Length, ComparingRule)
 
 
 def fault(rule, column="x", first=5, last=6, value=1.0, threshold=2.0):
@@ -253,10 +235,9 @@ def fault(rule, column="x", first=5, last=6, value=1.0, threshold=2.0):
         (fault("length", value=1), False),
         (fault("frozen sensor", first=6), True),  # it freezes there
         (fault("frozen sensor", first=1, last=5), True),  # or moves on
-        (fault("frozen sensor", first=5, last=6), False),
-        (fault("frozen sensor", "y", first=6), False),
+        (fault("frozen sensor", first=5, last=6), False), (fault("frozen sensor", "y", first=6), False),
     ],
-)
+)  # fmt: skip
 def test_a_jump_follows_from_what_begins_or_ends_there(cause, follows):
     assert Jump.follows(fault("jump"), cause) is follows
 
@@ -265,8 +246,44 @@ def test_the_worst_finding_of_each_rule_stays_without_those_that_follow_from_ano
     jump, frozen = fault("jump"), fault("frozen sensor", first=6)
     lighter = replace(jump, severity=1.5, column="y")
     assert without_consequences([lighter, jump]) == [jump]
+    assert [replace(jump, severity=of).to_dict()["severity"] for of in (2.0, np.inf)] == [2.0, None]
     assert without_consequences([lighter, jump, frozen]) == [frozen]
     assert without_consequences([jump, replace(frozen, id=4)]) == [jump, replace(frozen, id=4)]
     frozen, idle = fault("frozen sensor", first=6, last=9), fault("idle tail", last=9)  # which explains no jump
     assert without_consequences([jump, frozen]) == [frozen]
     assert {*without_consequences([jump, frozen, idle])} == {jump, idle}
+
+
+@pytest.mark.parametrize(
+    ("level", "change", "severity"),
+    [
+        (13, 13, 13.001 / 12.012),
+        (0.05, 0.06, 1.001 / 0.061 / 12),
+        *((*both, None) for both in ((13, 11), (11, 13), (0.05, 0.1), (0.1, 0.05))),
+        (0.05, 0, None),  # what never moves has no unit
+    ],
+)
+def test_another_scale_is_that_of_values_and_of_changes_beside_other_columns(level, change, severity):
+    for others, moving in ((False, 0.25), (True, 0.25), (False, 0.24)):
+        odd = (np.arange(M)[:, None] < 1) & [True, others, others]
+        rule = applied(Scale, *(np.where(odd, of, 1.0) for of in (level, change)), of=columns(3, moving=moving))
+        known = severity and moving == 0.25 and (not others or level > 1)
+        assert [fault.severity for fault in rule.findings()] == pytest.approx([severity] if known else [])
+
+
+@pytest.mark.parametrize(
+    ("repeats", "most", "second", "severity"),
+    [(4, 0, 0, 4 / 3), (3, 0, 0, 0), (0, 4, 0, 4 / 3), (0, 3, 0, 0), (0, 6, 3, 2), (0, 5, 3, 0)],
+)
+def test_rows_repeat_beyond_what_is_usual_or_with_their_actions(repeats, most, second, severity):
+    of_one, place = np.arange(M) < 1, (9, 8 + most) if most else (5, 6)
+    measured = of_one * repeats, np.full(M, 5), np.full(M, 2), np.full(M, 9), of_one * most, np.full(M, second)
+    rule = applied(RepeatedFrames, *measured)
+    assert found(rule) == [(0, *place)] * bool(severity)
+    assert [fault.severity for fault in rule.findings()] == pytest.approx([severity] * bool(severity))
+
+
+def test_a_leap_of_all_columns_is_beyond_the_quartiles_or_far_beyond_the_next():
+    every = np.arange(5.0)[:, None]
+    for second, limit in ((1.0, 2.35), (4.0, 8.35), (5.0, 9.15)):
+        assert Jump.limit((None, None, None, every, None, np.full((5, 1), second))) == pytest.approx(limit)

@@ -1,8 +1,7 @@
 """What a set agrees on: constants, limits, order and sign of columns, and where it is cut."""
 
-from __future__ import annotations
-
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -11,7 +10,9 @@ import pytest
 import rpil
 from recordings import demonstrations, recording
 from rpil.faults.checking import check
-from rpil.faults.conventions import limit_of, two_groups
+from rpil.faults.conventions import TwoEpisodes, limit_of, two_groups, undone
+from rpil.faults.motion import Jump
+from rpil.faults.rule import Measurements
 
 N = 12
 HOME = np.array([-90.0, 80, 0, 20])
@@ -41,6 +42,9 @@ def test_what_is_constant_is_one_line():
     assert (line.rule, line.id, line.column, line.grade) == ("constant state", "", "observation 4", "odd")
     assert line.sentence.startswith("observation 4 is 1 in every step: its range is 0, by which min-max")
     assert "constant state" not in check(demonstrations([(x + m, a) for m, (x, a) in enumerate(goal)])).counts
+    many = [(np.ones((5, 1)), np.ones((5, 1))) for _ in range(300)]
+    many[2][0][3] = 5.0  # which no sample has
+    assert "constant state" not in check(demonstrations(many)).counts
     codes = [(x, np.zeros(len(x), dtype=int)) for x, _ in CLEAN]
     assert "constant" not in check(demonstrations(codes)).counts
 
@@ -87,13 +91,12 @@ def test_two_ways_that_begin_alike_are_no_conventions():
 @pytest.mark.parametrize(
     ("values", "upper"),
     [
-        ([0, 0.1, 1, 1.1], [2, 3]),
-        ([5, 0, 5.1, 0.2, 5], [0, 2, 4]),
-        ([0, 1, 2, 3, 4], None),
+        ([0, 0.1, 1, 1.1], [2, 3]), ([5, 0, 5.1, 0.2, 5], [0, 2, 4]), ([0, 1, 2, 3, 4], None),
         ([0, 0.1, 0.2, 9], None),  # one alone
-        ([0, 2, 0.5, 1.5, 1, 2, 9, 11, 9.5, 10.5, 10, 12], [6, 7, 8, 9, 10, 11]),  # later
+        ([0, 2] * 3 + [5.1, 7.1] * 3, [6, 7, 8, 9, 10, 11]),  # later, by eight standard errors
+        ([0, 2] * 3 + [5, 7] * 3, None),
     ],
-)
+)  # fmt: skip
 def test_two_groups_lie_far_apart(values, upper):
     found = {tuple(np.flatnonzero(rows).tolist()) for rows in two_groups(np.array(values, float)[:, None])}
     assert found == ({tuple(upper)} if upper else set())
@@ -102,14 +105,11 @@ def test_two_groups_lie_far_apart(values, upper):
 @pytest.mark.parametrize(
     ("tops", "limit"),
     [
-        ([1, 1, 1, 1, 0.9, 2, 2, 2], 1),
-        ([1] * 6 + [2.5] * 14, 1),
-        ([7, 7, 7, 7, 7, 6, 9], 7),
+        ([1, 1, 1, 1, 0.9, 2, 2, 2], 1), ([1] * 6 + [2.5] * 14, 1), ([7, 7, 7, 7, 7, 6, 9], 7),
         ([7, 7, 7, 7, 9, 9, 9, 9, 9], np.nan),  # which is the limit cannot be known
-        ([0.1, 0.2, 0.3, 0.4, 0.5], np.nan),
-        ([3, 3, 3, 1, 1, 2, 2], np.nan),
+        ([3, 3, 3, 1, 1, 2, 2], np.nan), ([3] * 6 + [0.1, 0.2, 1, 2], 3), ([3] * 4 + [0.1, 0.2, 2], np.nan),
     ],
-)
+)  # fmt: skip
 def test_a_limit_is_what_most_touch_and_never_pass(tops, limit):
     np.testing.assert_equal(limit_of(np.array(tops, float)), limit)
 
@@ -123,8 +123,12 @@ def clipped(m, stretched=(), hand=(-1.0, 1.0)):
 @pytest.mark.parametrize("stretched", [(), (2, 9), range(6), range(8), range(N)])
 def test_actions_beyond_the_limit_that_the_others_touch_are_outside(stretched):
     report = check(demonstrations([clipped(m, stretched) for m in range(N)]))
-    found = {fault.id for fault in report.findings if fault.rule == "outside range"}
-    assert found == (set() if len(stretched) == N else {*stretched})  # of all it cannot be known
+    found = {fault.id: fault.severity for fault in report.findings if fault.rule == "outside range"}
+    assert {*found} == (set() if len(stretched) == N else {*stretched})  # of all it cannot be known
+    if len(found) == 2:
+        assert [*found.values()] == pytest.approx([15.0, 15.0])  # 1.5 beyond a range of 2
+        larger = [(x, 7 * a) for x, a in (clipped(m, stretched) for m in range(N))]
+        assert "outside range" not in check(demonstrations(larger)).counts  # a measurement may begin where others end
 
 
 def test_a_value_that_one_task_alone_has_is_named_with_the_task():
@@ -139,6 +143,7 @@ def test_a_value_that_one_task_alone_has_is_named_with_the_task():
     assert line.sentence == (
         "4 of 12 demonstrations, those of the task 'pour': 3 goes to 3; the others touch 1 and never pass it"
     ).replace("': 3 goes", f"': {line.column} goes")
+    assert "outside range" not in rpil.check(pd.concat(rows).drop(columns="task")).counts  # one more value
 
 
 @pytest.mark.parametrize("late", [7, -7, 0])
@@ -153,6 +158,54 @@ def test_ends_that_are_late_or_early_are_seen_where_the_rows_go_on(late):
     assert set(found) == {7: set(range(N - 1)), -7: set(range(1, N)), 0: set()}[late]
     said = {7: "its last 7 rows are those of the next one", -7: "its first 7 rows are those of the one before"}
     assert all(said[late] in one for one in found.values())
+
+
+P = np.array([1.0, 2, 4, 7, 6, 5, 3, 2])  # means over parts of time
+
+
+@pytest.mark.parametrize(
+    ("change", "motion", "path", "said"),
+    [
+        (P + 1.29, 1, 1, "alike"),
+        *((of, 1, 1, "") for of in (P + 1.31, P + 1.9 + 1.52 * (P == 1), 1.46 - P + 1.4 * (P == 1), 2 - P)),
+        (P, 3.1, 1, ""), (P - 1.9, 1, 1, "is 1.9 lower throughout"),
+        (P + 1.9 + 1.44 * (P == 1), 1, 1, "is 2.08 higher throughout"), (1.44 - P, 1, 1, "has another sign"),
+        (1.46 - P, 1, 1, "goes the other way"), (57.3 * P + 67, 57.3, 57.3 * 2.9, "is 57.3 times larger"),
+        (57.3 * P + 69, 57.3, 57.3, ""), (57.3 * P, 57.3 * 1.5, 57.3, "is 57.3 times larger"),
+        *((57.3 * P, *of, "") for of in ((57.3 * 1.6, 57.3), (57.3, 57.3 * 3.1))),
+        (P / 1000, 1e-3, 1e-3, "is 1e+03 times smaller"), (100 * P, 100, 100, "is 100 times larger"),
+    ],
+)  # fmt: skip
+def test_a_part_is_like_the_rest_once_a_change_is_undone(change, motion, path, said):
+    """Alike is within four standard errors, of .1, and .15 of how far a column goes."""
+    rest, of = P[:, None] * [1, -1, 0.5], np.array([1, 1, 0.5])
+    part, variance = np.column_stack([change, rest[:, 1:]]), np.full((8, 3), 0.005)
+    own = (part, variance, 6 * of * [motion, 1, 1], 10 * of * [path, 1, 1])
+    columns = SimpleNamespace(names=("c0", "c1", "c2"), is_action=np.zeros(3, dtype=bool))
+    found, alike, moves = undone(own, (rest, variance, 6 * of, 10 * of), columns)
+    assert (alike.tolist(), moves.all()) == ([said == "alike", True, True], True)
+    assert [one for _, one in found.values()] == [f"c0 {said}"] * (said not in ("", "alike"))
+
+
+@pytest.mark.parametrize(
+    ("n", "at", "more", "found"),
+    [
+        *((4, at, {"length": length}, range(4)) for at, length in ((30, 40), (15, 20))),
+        (5, 3, {}, range(1, 5)),  # of the first nothing lies before
+        *((4, 30, more, ()) for more in ({"gap": 4.7}, {"length": 19}, {"memory": 0.69}, {"change": 0.0})),
+        *((n, at, {}, ()) for n, at in ((4, 3), (3, 30))),
+    ],
+)
+def test_demonstrations_go_on_in_the_next_one(n, at, more, found):
+    """Beyond changes of 1, which are usual, to the next one is a gap; all columns leap in the first `n` of eight."""
+    length, memory, change, gap = ({"length": 40, "memory": 0.7, "change": 1.0, "gap": 4.6} | more).values()
+    ones, change = np.ones(1), np.full((8, 1), change)
+    columns = SimpleNamespace(is_action=ones > 1, scale=ones, memory=memory * ones, names=("c0",))
+    jumps = None, None, None, 3.0 * (np.arange(8)[:, None] < n), np.full((8, 1), at), np.zeros((8, 1))
+    measured = {Jump.measure: jumps, TwoEpisodes.measure: (0 * change, 0 * change + gap, change, change)}
+    learned = SimpleNamespace(columns=columns)
+    rule = TwoEpisodes(Measurements(learned, measured, tuple(range(8)), np.full(8, length), None))
+    assert [(one.id, one.last, one.severity) for one in rule.findings()] == [(m, at, 3 / 0.35) for m in found]
 
 
 def in_part(rows, change):
@@ -193,6 +246,8 @@ def test_another_unit_of_few_hides_no_fault_of_others():
     report = check(demonstrations(made))
     assert {one.id for one in report.findings if one.rule == "spike"} == {5}
     assert [one.ids for one in report.findings if one.rule == "two units"] == [(0, 1)]
+    (half,) = check(demonstrations(in_part(range(1, N, 2), np.deg2rad))).findings
+    assert half.ids == tuple(range(1, N, 2))  # without the first
 
 
 @pytest.mark.parametrize("places", [(-0.8, -0.4, 0.05, 0.4, 0.8), (-0.6, -0.2, 0.2, 0.6), (-0.5, 0.5)])
@@ -200,7 +255,7 @@ def test_tasks_that_begin_at_one_home_and_go_the_other_way_have_no_other_sign(pl
     rng, ways = np.random.default_rng(0), np.sin(np.pi * np.linspace(0, 1, 60))
     sizes = np.array([[40 * place, 10, 20, 30] for place in np.repeat(places, 8)])
     states = 5 + sizes[:, None] * (1 + 0.1 * rng.normal(size=(len(sizes), 1, 4))) * ways[:, None]
-    states = (states + rng.normal(0, 0.05, states.shape)).reshape(-1, 4)
+    states = (states + rng.normal(0, 0.05, states.shape) * (ways > 0)[:, None]).reshape(-1, 4)
     actions = np.roll(states, -1, axis=0) + rng.normal(0, 0.05, states.shape)
     report = rpil.check(rpil.Demonstrations(states, actions, np.arange(0, len(states) + 1, 60)))
     assert "two conventions" not in report.counts

@@ -1,7 +1,5 @@
 """What rules measure of each demonstration, against loops over its steps; and what is learned of sound recordings."""
 
-from __future__ import annotations
-
 import itertools
 from types import SimpleNamespace
 
@@ -10,12 +8,12 @@ import pytest
 
 from recordings import changed, demonstrations, recording
 from rpil.data.demonstrations import Block
-from rpil.faults import settings, tracking
+from rpil.faults import measured_columns, settings, tracking
 from rpil.faults.checking import check
 from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, means, pilot
 from rpil.faults.motion import Jump, RepeatedFrames, Spike
 from rpil.faults.rule import Learned
-from rpil.faults.still import largest, longest_runs
+from rpil.faults.still import largest, longest_runs, near_middle, parts, steady
 
 RNG = np.random.default_rng(0)
 LENGTHS = (9, 1, 2, 3, 4, 12)
@@ -60,11 +58,109 @@ def test_sums_and_runs_of_each_demonstration():
             assert tuple(found[m, c]) == longest(values[c, a:b], counts[c, a:b])
 
 
+def runs(rows, offsets):
+    """The first row of each run of True within a demonstration, and the one after its last."""
+    edges = {k for k in range(1, len(rows)) if rows[k] != rows[k - 1]} | {*offsets.tolist()}
+    return [(a, b) for a, b in itertools.pairwise(sorted(edges)) if rows[a]]
+
+
+def test_rest_is_where_the_means_of_neighbouring_rows_agree():
+    offsets, bands = np.cumsum([0, 60, 1, 7, 52]), {3: np.array([0.6, 0.5]), 8: np.array([0.3, 0.2])}
+    values = np.repeat(RNG.normal(size=(2, 10)), 12, axis=1) + 0.25 * RNG.normal(size=(2, 120))
+    found = np.ones(120, dtype=bool)
+    for w, band in bands.items():
+        kept = np.zeros(120, dtype=bool)
+        for a, b in runs(found, offsets):
+            kept[a:b] = b - a < 2 * w
+            for t in range(a, b - 2 * w + 1):
+                before, after = values[:, t : t + w].mean(axis=1), values[:, t + w : t + 2 * w].mean(axis=1)
+                kept[t : t + 2 * w] |= (np.abs(after - before) <= band).all()
+        found = np.zeros(120, dtype=bool)
+        for a, b in runs(kept, offsets):
+            found[a:b] = b - a >= 7
+    assert 20 < found.sum() < 100
+    np.testing.assert_array_equal(steady(values, bands, offsets), found)
+    begins, ends = parts(found, offsets)
+    assert [*zip(begins, ends, strict=True)] == runs(found, offsets)
+    first, last = near_middle(values, far := np.array([0.2, 0.2]), begins, ends)
+    for k, (a, b) in enumerate(zip(begins, ends, strict=True)):
+        off = np.abs(values[:, a:b] - np.median(values[:, a:b], axis=1, keepdims=True))
+        near = a + np.flatnonzero((off <= far[:, None]).all(axis=0))
+        assert (first[k], last[k]) == ((near[0], near[-1]) if len(near) else (120, -1))
+
+
+@pytest.mark.parametrize(("n", "steps", "expected"), [(150, 1, 150), (999, 1, 200), (200, 250, 200), (201, 251, 100)])
+def test_a_sample_is_spread_over_the_data(n, steps, expected):
+    data = demonstrations([(np.zeros((steps, 1)), np.zeros((steps, 1)))] * n)
+    block, numbers = pilot(data)
+    assert (len(numbers), len(block.observations)) == (expected, expected * steps)
+    assert (numbers[0], numbers[-1] >= n - 3) == (0, True)
+    assert np.ptp(np.diff(numbers)) <= 1
+
+
+@pytest.mark.parametrize(("width", "values", "n"), [(1000, 20, 1000), (1001, 20, 0), (3, 19, 0)])
+def test_columns_are_measured_unless_they_are_pixels_or_codes(width, values, n):
+    states = np.arange(40)[:, None] % values * np.linspace(3.1, 9.1, width)
+    block = Block(0, states, np.zeros(40, dtype=int), np.arange(0, 41, 5))
+    assert len(learn_columns(block, np.arange(8), ("x",) * width).columns.names) == n
+
+
+WRAPPED = np.r_[0:340:20, 358, 2, 10:200:20]
+
+
+@pytest.mark.parametrize(
+    ("values", "turn"),
+    [
+        *((WRAPPED * turn / 360, turn) for turn in (360, 2 * np.pi, 1024, 4096, 8192, 16384, 65536)),
+        (WRAPPED * 0.85, 0),
+        (WRAPPED * 1.02, 0),  # it fills more than a turn
+        (np.r_[WRAPPED, 100], 0),  # other leaps
+        (np.r_[WRAPPED, 150], 360),
+        (np.r_[0.0:20, 350:330:-1, 0:20], 0),  # it came from afar
+        (np.r_[0:10:2, 358, 1, 359, 2, 8:350:6], 360),  # to and fro, by noise
+        (np.r_[0.0, 330, 0, 330], 0),
+    ],
+)
+def test_an_angle_wraps_where_it_leaps_by_a_turn_and_came_nearer(values, turn):
+    change = np.diff(values, prepend=values[0])
+    assert measured_columns._turn(values.astype(float), change.astype(float), np.abs(change)) == pytest.approx(turn)
+
+
+@pytest.mark.parametrize(
+    ("zeros", "moving", "n"),
+    [
+        ([1, 1, 0, 0, 0], 1, 2), ([1] * 9 + [0], 1, 9), ([1] * 10 + [0], 1, 0), ([1, 0.5, 0.5], 1, 1),
+        ([1, 0.6, 0.5], 1, 0),  # it is at 0 in most steps of the others
+        ([1, 0, 0], 0, 0), ([1, 0, 0, 0], np.array([[0], [1], [0], [1]]), 1),
+        ([1, 0, 0, 0, 0], np.array([[0], [1], [0], [1], [0]]), 0),
+    ],
+)  # fmt: skip
+def test_columns_are_not_recorded_where_two_are_0_that_move_in_most_others(zeros, moving, n):
+    zeros = np.array(zeros, dtype=float)[:, None]
+    ranges = moving * (zeros < 1)
+    for columns, expected in ((1, 0), (2, n)):
+        found = measured_columns.not_recorded(np.tile(ranges, columns), np.tile(zeros, columns))
+        assert found.sum(axis=0).tolist() == [expected] * columns
+
+
+def test_noise_is_that_of_the_rows_at_rest_and_of_an_encoder():
+    rng, offsets = np.random.default_rng(0), np.arange(0, 2001, 100)
+    path = np.tile(np.sin(np.linspace(0, 3, 100)), 20) + rng.normal(size=20).repeat(100) * 100
+    values = np.array([path + 0.2 * rng.normal(size=2000), np.round(path / 0.3) * 0.3, np.ones(2000)])
+    size = np.abs(np.diff(values, prepend=values[:, :1]))
+    size[:, offsets[:-1]] = 0.0
+    found = measured_columns._noise_at_rest(SimpleNamespace(values=values, size=size, offsets=offsets))
+    np.testing.assert_allclose(found, [0.2, 0.3 / 12**0.5, 0.0], rtol=0.1)
+
+
 def test_spikes_and_jumps_are_the_largest_of_each_demonstration():
     values = RNG.normal(size=(3, OFFSETS[-1])).round(1)
     values[:, -1] = values[:, -2]
-    every = MeasuredColumns((*"abc",), np.arange(3), np.zeros(3, bool), np.array([0.5, 1.0, 2]), *np.ones((3, 3)))
-    block = MovingBlock.of(Block(0, values.T, np.zeros(OFFSETS[-1]), OFFSETS), np.arange(len(LENGTHS)), every)
+    values[0, -3] += 9.0
+    every = MeasuredColumns((*"abc",), np.arange(3), np.arange(3) > 1, np.array([0.5, 1.0, 2]), *np.ones((3, 3)))
+    block = MovingBlock.of(Block(0, values[:2].T, values[2:].T, OFFSETS), np.arange(len(LENGTHS)), every)
+    sizes = np.minimum(block.size / every.scale[:, None], 3)
+    np.testing.assert_allclose([block.motion, block.of_states], [sizes.mean(axis=0), sizes[:2].mean(axis=0)])
     spikes, step, largest, next_spikes, _ = Spike.measure(block, None)
     jumps, after, _, of_all, _, _, next_jumps, _ = Jump.measure(block, None)
     for m, part in enumerate(each(values)):
@@ -84,7 +180,7 @@ def test_spikes_and_jumps_are_the_largest_of_each_demonstration():
             assert spike[step[m, c]] == max(spike)
             assert jump[after[m, c]] == max(jump)
             for top, every_one, at in ((next_spikes, spike, step), (next_jumps, jump, after)):
-                rest = [x for t, x in enumerate(every_one) if abs(t - at[m, c]) > settings.WIDTH]
+                rest = [x for t, x in enumerate(every_one) if abs(t - at[m, c]) > 3]
                 assert top[m, c] == pytest.approx(max(rest, default=0.0))
         size = np.log1p(np.abs(np.diff(part, axis=1)) / every.scale[:, None]).mean(axis=0)  # size[t - 1] leads to t
         own = [size[t - 1] - max(*size[t - 3 : t - 1], *size[t : t + 2]) for t in range(3, n - 2)]
@@ -94,15 +190,14 @@ def test_spikes_and_jumps_are_the_largest_of_each_demonstration():
 @pytest.mark.parametrize(
     ("steps", "motion", "expected"),
     [
-        ([0, 1, 2, 2, 2, 3, 4], [1] * 7, (2, 3, 2)),
-        ([0, 1, 1, 2, 3, 3, 3, 4, 5], [1] * 9, (3, 5, 2)),
+        ([0, 1, 2, 2, 2, 3, 4], [1] * 7, (2, 3, 2)), ([0, 1, 1, 2, 3, 3, 3, 4, 5], [1] * 9, (3, 5, 2)),
         ([0, 0, 0, 1, 2, 3], [1] * 6, (0, 1, 0)),  # before the first change
         ([0, 1, 2, 3, 3, 3], [1] * 6, (0, 1, 0)),  # after the last
         ([0, 1, 2, 2, 2, 3, 4], [1, 1, 0.5, 0, 0, 1, 1], (0, 1, 0)),  # it comes to rest
         ([0, 1, 2, 2, 2, 3, 4], [1, 1, 1, 0, 0, 0.5, 1], (0, 1, 0)),  # or begins to move
         ([0, 1, 2, 2, 2, 3, 4], [0, 0, 0.51, 0, 0, 0.51, 0], (2, 3, 2)),
     ],
-)
+)  # fmt: skip
 def test_rows_are_repeated_between_rows_that_move(steps, motion, expected):
     own = np.array([steps, np.arange(len(steps))], float)  # the action moves all the while
     values = np.concatenate([np.tile([0.0, 1, 2], (2, 1)), own, np.tile([7.0, 8, 9], (2, 1))], axis=1)

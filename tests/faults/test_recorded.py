@@ -1,7 +1,5 @@
 """Times between frames, numbers of frames, and what is found beside the steps: in files of a folder, and videos."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -68,7 +66,7 @@ def test_a_clock_that_goes_slower_than_the_others_is_another_frame_rate(monkeypa
     own |= np.repeat(np.arange(5) == 3, FIVE.lengths)  # two of five: it is not known which is usual
     assert not check(FIVE, times=Times(np.where(own, 1.02, 1.0) * clock(), 50.0)).findings
     monkeypatch.setattr("rpil.faults.recorded.BLOCK_STEPS", 4)  # four of them have one step, which says nothing
-    short = demonstrations([(x[:n], u[:n]) for n, (x, u) in zip([1] * 4 + [150] * 3, recording(7), strict=True)])
+    short = demonstrations([(x[:n], u[:n]) for n, (x, u) in zip([1] * 4 + [2] + [150] * 3, recording(8), strict=True)])
     assert recorded_time(times := Times(clock(data=short)), short) == pytest.approx(0.02)
     assert list(find_frame_times(times, short, 0.02)) == []
 
@@ -98,6 +96,7 @@ def test_other_numbers_of_frames_than_the_recording_says_are_found():
         (clock(data=DATA, rate=18.5), ["declared are 20 frames a second; the timestamps say 18.5"]),
         (clock(data=DATA, rate=20), []),
         (np.floor(clock(data=DATA, rate=20)), []),  # a clock of whole seconds
+        (np.floor(clock(data=DATA, rate=20) / 0.03) * 0.03, []),
         (clock([(m, step, 10) for m in range(12) for step in (21, 31)], DATA, 20), []),  # gaps of half a second
         (None, []),
     ],

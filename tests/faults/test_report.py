@@ -1,7 +1,5 @@
 """The report of what is found: as a frame, a file, and text."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -12,6 +10,8 @@ import pytest
 import rpil
 from recordings import changed, demonstrations, recording
 from rpil.data.errors import DataError
+from rpil.faults.report import FaultReport
+from rpil.faults.rule import Fault, in_words
 
 CLEAN = recording()
 
@@ -57,6 +57,19 @@ def test_a_file_a_frame_and_a_recording_are_checked_alike_and_the_report_is_a_fr
     assert repr(report).startswith("1 recording fault found in 1 of 12 demonstrations")
     assert "  5: y jumps" in repr(report)
     assert rpil.check(demonstrations(CLEAN)).to_frame().shape[0] == 0
+
+
+@pytest.mark.parametrize(("n", "n_lines"), [(4, 1), (7, 1), (8, 2)])
+def test_what_more_than_a_quarter_has_is_one_line(n, n_lines):
+    found = [Fault("spike", m, 0, 0, "x", 1.0, 0.5, 2.0, "leaps") for m in range(2)]
+    assert len(FaultReport(found, {}, {}, {}, {}, n, 99, ids=tuple(range(n))).lines) == n_lines
+
+
+def test_which_demonstrations_in_words():
+    tasks = {"task": {"0": "lift", "2": "lift", "3": "turn"}}
+    said = [in_words(names, range(4), tasks) for names in ((2, 3), (1, 2), (1, 3), (0, 2))]
+    ends = ", from 2 on", ", 1 to 2", " (1, 3)", ", those of the task 'lift'"
+    assert said == [f"2 of 4 demonstrations{end}" for end in ends]
 
 
 def test_a_line_of_many_says_whose_numbers_it_has():

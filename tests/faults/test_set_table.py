@@ -1,7 +1,5 @@
 """The set in one table: what it holds, how its actions move, and what a trainer will stumble over."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -36,7 +34,7 @@ def table_of(data, **options):
 
 
 def test_a_clean_set_has_a_row_for_each_action_and_nothing_to_stumble_over():
-    found = table_of(frame(), outcome="success")
+    found = table_of(frame().assign(grade=lambda rows: rows["episode"]), outcome=("success", "grade"))
     assert found.facts["episodes"] == 10
     assert found.facts["rate"] == 20
     assert found.facts["idle share"] == 0
@@ -68,7 +66,8 @@ def test_what_is_wrong_is_in_its_cell_and_has_a_remedy():
     read = rpil.open(frame(moved=(2, 3)), observations="state.*")
     (line, _) = set_table(read, rpil.check(read), "my set.csv").stumbles
     assert line.endswith("; rpil keep 'my set.csv' -o NEW.csv --without-faults offset")
-    assert {round(row["wraps"], 3) for row in table_of(frame(wraps=True)).actions} == {6.283}
+    wraps = [row["wraps"] for row in table_of(frame(wraps=True, constant=True)).actions]
+    assert wraps == [pytest.approx(2 * np.pi), pytest.approx(2 * np.pi), None]
 
 
 def test_the_table_is_markdown_and_json(tmp_path):
@@ -76,7 +75,8 @@ def test_the_table_is_markdown_and_json(tmp_path):
     frame().to_csv(path, index=False)
     lines = ok("info", "--set", str(path)).stdout.splitlines()
     assert lines[0].startswith("| of the set ")
-    assert len({len(line) for line in lines if line.startswith("| action")}) == 1
+    at = next(k for k, line in enumerate(lines) if line.startswith("| action"))
+    assert len({*map(len, lines[at : at + 5])}) == 1
     named = frame().rename(columns={"action.0": "action.a|<b>x"})
     named.to_csv(path, index=False)
     (row,) = (line for line in ok("info", "--set", str(path)).stdout.splitlines() if "&lt;b&gt;x" in line)
@@ -92,10 +92,13 @@ def test_actions_contradict_where_near_states_have_others(apart, share):
     actions = np.repeat([[0.0], [apart]], 40, axis=0) + np.tile(np.linspace(0, 1, 40), 2)[:, None]
     block = Block(0, states.T, actions, np.array([0, 40, 80]))
     assert contradicting(states, block) == share
+    single = Block(0, np.zeros((2, 1)), np.array([[0.0], [apart]]), np.arange(3))
+    assert contradicting(np.zeros((1, 2)), single) == share
     codes = Block(0, states.T, (actions[:, 0] > 2).astype(int), np.array([0, 40, 80]))
     assert contradicting(states, codes) == share
-    far = np.linspace(0, 1e4, 80)[None]
-    assert contradicting(far, block) == 0
+    for away, near in ((0.24, True), (0.26, False)):
+        assert contradicting(states + away * (np.arange(80) < 40), block) == share * near
+        assert contradicting(states + away * (np.arange(80) < 20), block) == share  # of those that are near
 
 
 def test_it_is_the_first_panel_of_the_page(tmp_path):

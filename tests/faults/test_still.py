@@ -1,13 +1,12 @@
 """Where everything rests, by the noise of sensors, at the ends and between; and columns that are 0 in some."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from recordings import demonstrations, recording
 from rpil.cli.check import fault_lines
 from rpil.faults.checking import check
+from rpil.faults.measured_columns import column_labels, learn_columns, pilot
 
 N, REST, TICK = 10, 52, 0.088
 PLACES = {"head": 0, "middle": 70, "tail": 139}
@@ -64,6 +63,7 @@ def test_what_moves_all_the_while_never_rests():
     creeping = [(x + 0.05 * np.arange(len(x))[:, None], a + 0.05 * np.arange(len(x))[:, None]) for x, a in arm(0.02)]
     assert "idle head" not in check(demonstrations(creeping)).counts
     assert not check(arm(0.15, drift=0.2)).trims  # while the command stays the same
+    assert not check(arm(7.0)).trims  # by noise, nobody can tell
 
 
 @pytest.mark.parametrize("actions", ["codes", "constant"])
@@ -113,11 +113,8 @@ def test_the_column_that_moves_most_alike_in_the_others_is_named():
     assert fault.column == "observation 5"
 
 
-def test_without_them_and_where_nearly_all_lack_them_nothing_is_said():
-    assert not check(without_arm(())).findings
-    assert check(without_arm(range(30 - 5))).counts == {"never moves": 30 - 5}
-    assert not check(without_arm(range(30 - 2))).counts.get("never moves")
-    halves = [(x * (np.arange(6) // 3 != m % 2), a) for m, (x, a) in enumerate(TWO_ARMS)]  # of two arms each has one
+def test_of_two_arms_each_demonstration_may_lack_one():
+    halves = [(x * (np.arange(6) // 3 != m % 2), a) for m, (x, a) in enumerate(TWO_ARMS)]
     assert check(demonstrations(halves)).counts == {"never moves": 30}
 
 
@@ -127,12 +124,5 @@ def test_one_column_alone_rests_and_so_does_what_is_constant_in_all():
     assert fault.sentence == "observation 5 does not move, and in the others it does"
     goals = np.arange(30) * (np.arange(30) % 5 > 0)
     towards = [(np.column_stack([x, np.full((len(x), 2), goals[m])]), a) for m, (x, a) in enumerate(TWO_ARMS)]
-    assert not check(demonstrations(towards)).findings
-
-
-def test_what_is_at_0_in_most_steps_of_the_others_rests():
-    rng, episodes = np.random.default_rng(0), []
-    for m, (states, actions) in enumerate(TWO_ARMS):
-        pressed = rng.random((len(states), 2)) * (np.arange(len(states)) % 50 < 10)[:, None] * (m % 3 > 0)
-        episodes.append((np.column_stack([states, pressed]), actions))
-    assert not any("not recorded" in fault.sentence for fault in check(demonstrations(episodes)).findings)
+    assert not check(data := demonstrations(towards)).findings
+    assert len(learn_columns(*pilot(data), column_labels(data)).numbers) == 30  # a goal at 0 is recorded as well

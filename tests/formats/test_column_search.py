@@ -1,7 +1,5 @@
 """Which column holds what: by name and type, and as the user says."""
 
-from __future__ import annotations
-
 import time
 
 import pytest
@@ -118,7 +116,7 @@ def test_forty_thousand_columns_take_seconds():
 
 
 def test_long_names_are_cut_in_messages():
-    assert quoted(["a", 3, "b" * 39]) == f"'a', 3, '{'b' * 39}...'"
+    assert quoted(["a", 3, "b" * 38, "b" * 39]) == f"'a', 3, '{'b' * 38}', '{'b' * 39}...'"
     assert len(quoted(["x" * 10_000] * 100)) < 600
     assert quoted(["a.b"] * 13).count("a.b") == 12
     with pytest.raises(DataError) as caught:

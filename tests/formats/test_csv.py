@@ -1,7 +1,5 @@
 """CSV files as people write them: each is read as meant, or refused with a sentence that says what to do."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Damaged lines and files: named without --skip-bad, and with it skipped; what is kept are records of the source."""
 
-from __future__ import annotations
-
 import json
 import random
 import re

@@ -1,7 +1,5 @@
 """Columns that are chosen by their names, in memory and on disk, and files of a folder that do not fit together."""
 
-from __future__ import annotations
-
 import pickle
 from itertools import chain, pairwise
 

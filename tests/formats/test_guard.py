@@ -1,7 +1,5 @@
 """Damage of many kinds, to data of every layout: reading and keeping end in one sentence that names the file."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import re

@@ -1,7 +1,5 @@
 """Names that drivers and pilots use, and ids that make no demonstrations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv

@@ -19,7 +19,7 @@ from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import read_recording
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.metadata import fill, unit_of
+from rpil.formats.metadata import Clock, fill, unit_of
 from samples import LENGTHS, OWNERS, STATES, lerobot
 
 SUCCESS = np.array([0, 0, 0, 1, *[0] * 6, *[0] * 4, 1])
@@ -119,15 +119,17 @@ def test_timestamps_are_in_seconds(tmp_path, unit):
     [
         ("time", [0.0, 0.5], 1.0),
         ("time", [0.0, 1.0], None),  # whole numbers may count anything
-        ("time", [0, 1], None),
-        ("x", [0.0, 0.5], None),
-        ("stamp_ms", [0, 1], 1e-3),
-        ("ms", [0, 1], None),
+        ("time", [0, 1], None), ("x", [0.0, 0.5], None), ("stamp_ms", [0, 1], 1e-3), ("ms", [0, 1], None),
         *(("x", [0, 17 * 10**n], unit) for n, unit in ((8, None), (11, 1e-3), (14, 1e-6), (17, 1e-9))),
     ],
-)
+)  # fmt: skip
 def test_the_unit_of_a_time_is_known_by_its_name_or_its_size(name, values, unit):
     assert unit_of(name, pa.array(values).type, np.array(values)) == unit
+
+
+def test_a_clock_that_goes_back_tells_no_time():
+    for ticks, told in (([0.0, 1, 2, 3], (2.0, 1.0)), ([0.0, 1, 3, 2], (None, None))):
+        assert Clock(np.array(ticks), 1.0).seconds(np.array([0, 2, 4])) == told
 
 
 def test_robomimic_says_its_lengths(tmp_path):

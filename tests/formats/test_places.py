@@ -1,7 +1,5 @@
 """Demonstrations that end at pauses, stretches, and columns of LeRobot's ``meta/episodes``."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is said of a file, the order of its rows, and the numbers that the file gives them."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One pass over the rows: what the parts of the action are, and columns that repeat the last action, are found."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyarrow as pa
 import pytest

@@ -1,7 +1,5 @@
 """Rows on disk: what is read there, of other formats from a copy, is what is read into memory."""
 
-from __future__ import annotations
-
 import gc
 import os
 import pickle

@@ -1,7 +1,5 @@
 """No row of a text is lost in silence: of damaged copies of CSV each is refused, or read whole."""
 
-from __future__ import annotations
-
 import random
 
 import rpil

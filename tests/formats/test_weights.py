@@ -1,7 +1,5 @@
 """The weights file holds one row for each step, written block by block."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv

@@ -95,11 +95,9 @@ def test_answers_act_as_far_as_they_predict_each_other():
         ([1, 1, 1, -1], [0.9, 0.8, 0.7, 0.3], 0, (0.6 - 0.4) / 2),
         ([1] * 15 + [-1], [0.9] * 15 + [0.1], 0, 0.0),  # as their share says
         ([1, -1, 1, 1], [0.9, 0.6, 0.8, 0.7], 2, (0.6 + 0.4) / 2),  # a pair is both
-        ([1, 1], [0.7, 0.8], 2, 0.5),
-        ([1], [0.9], 0, 0.4),
-        ([], [], 0, 0.0),
+        ([1, 1], [0.7, 0.8], 2, 0.5), ([1], [0.9], 0, 0.4), ([], [], 0, 0.0),
     ],
-)
+)  # fmt: skip
 def test_the_agreement_of_answers_by_hand(evidence, right, n_pairs, expected):
     found = agreement(np.array(evidence, dtype=float), np.array(right), n_pairs)
     assert found == pytest.approx(expected)

@@ -1,7 +1,5 @@
 """Answers, counted, divided, shared by copies, and made rows of a regression, by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -45,22 +43,17 @@ def test_answers_about_some_of_the_demonstrations():
 @pytest.mark.parametrize(
     ("answers", "sides", "contrast"),
     [
-        (answers_of(m=3), set(), False),
-        (answers_of([1, 0, 1]), {1}, False),
-        (answers_of([1, -1]), {1, -1}, True),
-        (answers_of(m=2, outcome=[0.0, 0.0]), {-1}, False),
-        (answers_of([1, 0], outcome=[NAN, 0.0]), {1, -1}, True),
+        (answers_of(m=3), set(), False), (answers_of([1, 0, 1]), {1}, False), (answers_of([1, -1]), {1, -1}, True),
+        (answers_of(m=2, outcome=[0.0, 0.0]), {-1}, False), (answers_of([1, 0], outcome=[NAN, 0.0]), {1, -1}, True),
         (answers_of([1, 0], outcome=[0.0, NAN]), {1}, False),  # a label goes first
         (answers_of(m=3, outcome=[1.0, 2.0, 3.0]), {1, -1}, True),
         (answers_of(m=5, outcome=[0.0, 0.0, 0.0, 0.0, -1.0]), {1, -1}, True),  # most have no retry
         (answers_of(m=4, outcome=[[1, 1, 1, 0], [1, 0, 1, 1]]), {1, -1}, True),
         (answers_of(m=3, outcome=[[7, 7, 7], [NAN] * 3]), set(), False),
-        (answers_of(m=2, pairs=[(0, 1)]), {1, -1}, False),
-        (answers_of(m=3, pairs=[(0, 1), (1, 2)]), {1, -1}, True),
-        (answers_of(m=2, tied=[(0, 1)]), set(), False),
-        (answers_of([1, 1], tied=[(0, 1)]), {1}, False),
+        (answers_of(m=2, pairs=[(0, 1)]), {1, -1}, False), (answers_of(m=3, pairs=[(0, 1), (1, 2)]), {1, -1}, True),
+        (answers_of(m=2, tied=[(0, 1)]), set(), False), (answers_of([1, 1], tied=[(0, 1)]), {1}, False),
     ],
-)
+)  # fmt: skip
 def test_answers_contrast_where_there_are_two_and_both_sides(answers, sides, contrast):
     assert (answers.sides, answers.contrast) == (sides, contrast)
 

@@ -1,7 +1,5 @@
 """The table of findings."""
 
-from __future__ import annotations
-
 from typing import get_args
 
 from rpil.inference.findings import DECIDED, FINDINGS, Finding

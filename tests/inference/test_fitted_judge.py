@@ -1,7 +1,5 @@
 """The fitted judge."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

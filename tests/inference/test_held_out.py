@@ -1,7 +1,5 @@
 """Held-out log-probabilities against scikit-learn."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

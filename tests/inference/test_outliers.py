@@ -1,7 +1,5 @@
 """What the scores support without answers: every condition on scores made by hand, from both sides."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import patch

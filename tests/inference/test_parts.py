@@ -1,7 +1,5 @@
 """Which parts of an action are judged, and how they are scaled."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

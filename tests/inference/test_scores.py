@@ -1,7 +1,5 @@
 """Scores, their variances, and whether the state predicts the action."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The judge: its stages in order, and how answers and demonstrators change what is said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Whom a learner trusts: policies with written gains for each decision, and plain worlds from steps to parts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Evidence of answers and witnesses, against another optimiser, enumerated answers, and planted witnesses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -85,14 +83,10 @@ def test_weights_are_the_most_probable_ones_by_another_optimiser_and_certain_by_
 @pytest.mark.parametrize(
     ("evidence", "n_pairs", "contrast"),
     [
-        ([1.0, -0.1], 0, True),
-        ([1.0, 0.0, 2.0], 0, False),
-        ([-1.0, -2.0], 0, False),
-        ([0.0, 0.0, 0.0], 1, False),
-        ([0.0, 0.0, 1.0], 1, True),
-        ([1.0, -1.0, 1.0], 3, True),
+        ([1.0, -0.1], 0, True), ([1.0, 0.0, 2.0], 0, False), ([-1.0, -2.0], 0, False), ([0.0, 0.0, 0.0], 1, False),
+        ([0.0, 0.0, 1.0], 1, True), ([1.0, -1.0, 1.0], 3, True),
     ],
-)
+)  # fmt: skip
 def test_contrast_is_evidence_of_both_sides_or_of_a_pair(evidence, n_pairs, contrast):
     assert is_contrast(np.array(evidence), n_pairs) is contrast
 
@@ -109,13 +103,11 @@ def test_held_out_log_odds_are_those_by_other_folds():
 @pytest.mark.parametrize(
     ("values", "most", "levels"),
     [
-        ([5.0, NAN, 1.0, 5.0, 5.0, 3.0], 3, [2, -1, 0, 2, 2, 1]),
-        ([5.0, NAN, 1.0, 5.0, 3.0], 2, [1, -1, 0, 1, 0]),
-        ([*range(13)], 4, np.repeat(range(4), [3, 3, 4, 3])),
-        ([0] * 8 + [1, 2, 3, 4], 4, [1] * 8 + [2, 3, 3, 3]),
+        ([5.0, NAN, 1.0, 5.0, 5.0, 3.0], 3, [2, -1, 0, 2, 2, 1]), ([5.0, NAN, 1.0, 5.0, 3.0], 2, [1, -1, 0, 1, 0]),
+        ([*range(13)], 4, np.repeat(range(4), [3, 3, 4, 3])), ([0] * 8 + [1, 2, 3, 4], 4, [1] * 8 + [2, 3, 3, 3]),
         ([NAN, NAN], 9, [-1, -1]),
     ],
-)
+)  # fmt: skip
 def test_levels_are_the_different_values_or_quantiles(values, most, levels):
     np.testing.assert_array_equal(levels_of(np.array(values, dtype=float), most), levels)
 

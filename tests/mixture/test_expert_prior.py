@@ -1,7 +1,5 @@
 """The share of experts: the mode under its Beta prior, and the interval of its posterior."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import beta

@@ -1,7 +1,5 @@
 """Passes in blocks equal the products of whole matrices."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.special import log_softmax as reference_log_softmax

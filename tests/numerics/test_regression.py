@@ -1,7 +1,5 @@
 """Weighted ridge regression and Student's errors."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import norm, rankdata

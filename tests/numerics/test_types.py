@@ -1,7 +1,5 @@
 """Shapes in types are checked while the tests run."""
 
-from __future__ import annotations
-
 import runpy
 import sys
 

@@ -1,7 +1,5 @@
 """Feature maps: the columns are what they are called, and neither units nor the amount of data change the ridge."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Folds of demonstrations, and predictions out of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import permutations
 

@@ -1,7 +1,5 @@
 """Features are chosen by the trusted, for their actions, and the same every time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Networks of skorch as policies, by the code that docs/policies.md shows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from sklearn.metrics import r2_score, roc_auc_score

@@ -1,7 +1,5 @@
 """The softmax policy."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import log_softmax
 

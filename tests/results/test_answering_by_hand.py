@@ -1,7 +1,5 @@
 """Answers to made-up audits: what is known without them, what is asked, and the words, by hand."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

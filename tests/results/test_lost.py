@@ -1,7 +1,5 @@
 """What leaving out would lose: named where one demonstration alone goes there, and hardly ever where all are alike."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

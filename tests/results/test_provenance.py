@@ -1,7 +1,5 @@
 """Where a result comes from: the digest changes with the data alone; settings are named by their dots."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

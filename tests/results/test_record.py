@@ -1,7 +1,5 @@
 """The audit of users: a row for each demonstration in a frame, the report, and every field described."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """What an audit holds, and says in a few sentences: its methods give what its fields say."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Weights of steps: whom a learner trusts, P(good) for other trainings, and where a person took over."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The vocabularies, and the words that audits with and without labels use."""
 
-from __future__ import annotations
-
 from audits import make_audit
 from rpil.results.vocabulary import in_numbers
 

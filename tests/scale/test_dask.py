@@ -109,6 +109,7 @@ def test_only_parameters_and_sums_are_sent(cluster):
     assert list(placed.map(_steps)) == [(n,) for n in steps]
     assert placed.total(_steps) == (sum(steps),)
     assert len(list(placed.run(engine._total, _steps))) == 2
+    cluster.wait_for_workers(2)  # of which one may have been killed before
     assert DaskEngine(cluster).n_shards == 4  # two for each thread
 
 
@@ -143,12 +144,10 @@ def test_a_cluster_that_is_closed_in_a_fit_is_told_in_one_sentence(monkeypatch):
 
         monkeypatch.setattr(engine.RemoteBlocks, "run", run_with_an_end)
         monkeypatch.setattr(engine, "_WORKER_TIMEOUT", 1.0)
-        with pytest.raises(DataError, match=r"The Dask cluster: it was lost.*fit again") as caught:
+        with refused("The Dask cluster: it was lost.*fit again"):
             small_rpil(engine=DaskEngine(client)).fit(demonstrations())
         with suppress(Exception):
             client.close()
-    assert "\n" not in str(caught.value)
-    assert ". " not in str(caught.value)
 
 
 class Odd:

@@ -1,7 +1,5 @@
 """The memory of a fit from disk does not grow with the data."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The sample that the judge reads."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Idle rows: planted ones are found, slow motion and a gripper that closes are none; and the rule of openpi."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

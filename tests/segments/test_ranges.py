@@ -1,7 +1,5 @@
 """``rpil audit --ranges``: rows to keep, by ids as trainers want them; tables of segments; rows that are called bad."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

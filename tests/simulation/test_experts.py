@@ -1,7 +1,5 @@
 """The closed-form experts: their formulas."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

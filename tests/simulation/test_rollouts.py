@@ -1,7 +1,5 @@
 """Lockstep rollouts: the same episodes as one at a time, fixed by the seed, with honest intervals and clear errors."""
 
-from __future__ import annotations
-
 import sys
 from types import SimpleNamespace
 

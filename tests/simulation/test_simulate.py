@@ -1,7 +1,5 @@
 """Simulated demonstrations: the good are the expert's, corruptions are what their names say, and the seed fixes all."""
 
-from __future__ import annotations
-
 from itertools import chain
 
 import numpy as np

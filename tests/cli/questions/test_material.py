@@ -1,7 +1,5 @@
 """Columns of what was recorded, as a page draws them; tests of videos are in test_material_videos.py."""
 
-from __future__ import annotations
-
 import base64
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page of a review in a browser: answers by keys, and what is written."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

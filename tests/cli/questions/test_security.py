@@ -1,7 +1,5 @@
 """Who may ask the server of a review, and for what."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

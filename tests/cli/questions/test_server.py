@@ -1,7 +1,5 @@
 """What the server of a review shows, and what answers change."""
 
-from __future__ import annotations
-
 import json
 import threading
 from dataclasses import replace
@@ -44,6 +42,7 @@ def test_the_state_is_the_view_and_the_question(client, review, audit):
     assert b"Review of d.parquet" in content
     assert b"4 of 24 act differently from the rest." in content, "nobody is named beside the question"
     assert headers["content-type"].startswith("text/html")
+    assert client.ask("GET", "/favicon.ico")[0] == 204
 
 
 def test_an_answer_says_what_moved_and_asks_the_next(client, audit):
@@ -93,7 +92,8 @@ def test_an_answer_about_rows_is_a_row_and_can_be_taken_back(client, review):
     assert client.view()["rows"] == [[3, 2, 7, "bad"]]
     name = review.session.audit.ids[3]
     assert Path("labels.csv").read_text() == f"id,label,note,start,end\n{name},bad,it slips,2,7\n"
-    assert client.post("/api/answer", version=1, demonstrations=[3], key="g", rows=[2, 7])[0] == 200
+    given = {"version": 1, "demonstrations": [3], "key": "g", "rows": [2, 7], "note": "x" * 500}
+    assert client.post("/api/answer", **given)[0] == 200
     assert client.view()["rows"] == [[3, 2, 7, "good"]]
     beyond = [[6, 9], [True, 3], [2, n + 1], [-1, 4], [4, 4], [1.5, 3], ["2", "x"], [None, 3], [[1], 2], [2, 10**30]]
     for rows in beyond:

@@ -1,7 +1,5 @@
 """A run of questions: what is asked, written, replaced and undone."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -16,14 +14,10 @@ from rpil.data.id_values import read_answers
 @pytest.mark.parametrize(
     ("key", "answer"),
     [
-        ("1", (("a", "better than 7"),)),
-        ("2", (("7", "better than a"),)),
-        ("3", (("a", "good"), ("7", "good"))),
-        ("4", (("a", "bad"), ("7", "bad"))),
-        ("5", (("a", "same as 7"),)),
-        ("u", ()),
+        ("1", (("a", "better than 7"),)), ("2", (("7", "better than a"),)), ("3", (("a", "good"), ("7", "good"))),
+        ("4", (("a", "bad"), ("7", "bad"))), ("5", (("a", "same as 7"),)), ("u", ()),
     ],
-)
+)  # fmt: skip
 def test_keys_as_answers(key, answer):
     assert [row[:2] for row in rows_of(("a", 7), key)] == [*answer]
     assert [row[:2] for row in rows_of((7,), "g") + rows_of((7,), "b")] == [("7", "good"), ("7", "bad")]

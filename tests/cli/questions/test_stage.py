@@ -1,7 +1,5 @@
 """What a review shows to answer by, in a browser: films, curves, all at a glance, and the end of the review."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

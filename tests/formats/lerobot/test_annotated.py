@@ -1,7 +1,5 @@
 """A copy of a folder of LeRobot with verdicts and scores in its table of episodes."""
 
-from __future__ import annotations
-
 import filecmp
 import json
 

@@ -96,7 +96,7 @@ def change_times(root, change):
 
 SLOW = 20 / 18.5
 FAULTY_TIMES = {
-    "slow": (lambda m, k, t: t * SLOW, "all 5 episodes", "recorded 18.5"),
+    "slow": (lambda m, k, t: t * SLOW, "all 5 episodes", "recorded 18.5; timestamps are up to 0.118 s off"),
     "a step too long": (
         lambda m, k, t: t + 0.013 * ((m == 2) & (k > 9)),
         "episode 2",

@@ -1,7 +1,5 @@
 """Adversaries by name, for each kind of actions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
