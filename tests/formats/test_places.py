@@ -39,7 +39,7 @@ def test_a_demonstration_ends_at_a_pause_and_where_the_clock_goes_back(clock, su
     recording = rpil.open(table if suffix == "frame" else path, split_gap=1.0)
     assert recording.demonstrations.ids == (0, 1, 2)
     assert recording.demonstrations.lengths.tolist() == [3, 2, 3]
-    assert recording.description.id_column == "pauses"
+    assert recording.description.id_column == "pauses in time"
     np.testing.assert_array_equal(recording.demonstrations.actions.ravel(), table["action"].to_numpy())
     longer = rpil.open(table if suffix == "frame" else path, split_gap=4.9)
     assert longer.demonstrations.lengths.tolist() == [5, 3]
@@ -104,6 +104,8 @@ def test_stretches_begin_again_after_a_pause_and_need_no_id():
     read = rpil.read(episodes(episode=None, time_s=clock), segment=2.0, split_gap=5.0)
     assert read.ids[:3] == ("0 [0, 2) s", "0 [2, 4) s", "1 [0, 2) s")
     assert rpil.read(episodes(episode=None, time_s=clock), segment=600.0).ids == ("0 [0, 600) s", "0 [600, 1200) s")
+    frame = episodes(episode=None, time_s=clock, pauses=clock)  # a name like any other
+    assert rpil.read(frame, observations="pauses", split_gap=5.0).observation_names == ("pauses",)
     with pytest.raises(DataError, match="the column of time lacks values; fill it in"):
         rpil.open(rows(time_s=[*range(7), np.nan]), segment=1)
 

@@ -13,6 +13,8 @@ from hand_made import same_actions, scores_of, scoring_of
 from problems import make
 from rpil.data.copies import Copies
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.fit_data import FitData
+from rpil.data.spaces import Box
 from rpil.inference import outliers
 from rpil.inference.held_out import frequencies, indicators, log_densities, log_reference
 from rpil.inference.outliers import Claims, lower_part, neighbour_gain, own_gain, telling_pair, widened
@@ -82,7 +84,6 @@ def test_a_lower_part_has_two_members_at_least_and_is_not_all():
     assert below([0.0] * 9) == []
 
 
-# What they are.
 @pytest.mark.parametrize(("upper", "own", "is_noise"), [(2.0, 0.91, False), (2.0, 0.89, True), (0.1, -3.0, True)])
 def test_those_without_a_policy_of_their_own_are_outliers(upper, own, is_noise):
     finding = "outliers" if is_noise else "a group apart"
@@ -122,6 +123,15 @@ def test_nearest_states_of_other_members_predict_actions(discrete):
     over = log_prob - log_reference(data, group, settings)[:steps]
     assert neighbour_gain(group, data, settings) == pytest.approx(over.mean())
     assert neighbour_gain(np.arange(4) == 1, data, settings) == -np.inf, "the only member"
+
+
+def test_of_many_steps_those_looked_at_are_of_all_times(monkeypatch):
+    monkeypatch.setattr(outliers, "MAX_SEARCHED", 20)
+    states, actions = np.random.default_rng(0).normal(size=(2, 20, 10, 1))
+    states[:, 0] = actions[:, 0] = 0.0  # all begin alike; then there is no rule
+    states, actions = states.reshape(200, 1), actions.reshape(200, 1)
+    data = FitData(states, actions, np.arange(0, 201, 10), Box.around(actions))
+    assert neighbour_gain(np.ones(20, dtype=bool), data, HeldOutSettings()) < 0.5
 
 
 def test_a_minority_whose_rule_is_not_linear_is_a_group_apart():
@@ -244,7 +254,6 @@ def test_the_gain_of_a_group_is_the_median_of_its_members_against_the_actions_of
     assert [one.tolist() for one in scoring.model.fitted] == [group.tolist()]
 
 
-# The question.
 def test_the_pair_are_the_points_of_nine_and_one_tenth():
     nobody = Claims("no outliers", np.zeros(21, dtype=bool))
     for n, expected in ((21, (18.0, 2.0)), (8, (6.0, 1.0))):

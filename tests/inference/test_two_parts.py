@@ -177,7 +177,6 @@ def test_all_are_trusted_where_parts_are_situations_unless_one_is_noise(monkeypa
     assert trusted(rules(FIRST < 7, 0.29, 2.0, mixed=-3.0), monkeypatch) == [-1.0] * 7 + [1.0] * 3
 
 
-# One start.
 def divided(gains, part, seen=None, **limits):
     data, settings = same_actions(len(part)), JudgeSettings()
     seen = set() if seen is None else seen

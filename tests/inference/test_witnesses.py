@@ -99,7 +99,6 @@ def test_held_out_log_odds_are_those_by_other_folds():
         assert found[m] == pytest.approx(regression(rows, others, 0, SETTINGS)(rows[[m]])[0])
 
 
-# Levels.
 @pytest.mark.parametrize(
     ("values", "most", "levels"),
     [

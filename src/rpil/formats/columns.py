@@ -21,7 +21,7 @@ Names = str | Sequence[str]
 Ids = Id | Sequence[Id]
 """Ids of demonstrations; in a text there may be ranges such as ``0-16``, and several with commas between them."""
 
-STRETCH = "pauses"
+STRETCH = "pauses in time"
 """The column of the demonstrations that end at pauses, where no other column tells them apart."""
 
 FILE = "file"

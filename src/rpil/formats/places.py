@@ -44,7 +44,7 @@ def find_places(rows: Steps, columns: Columns) -> tuple[Steps, Columns]:
     chosen, offsets, moved = group_rows(group, values)
     ids = as_ids([names_of[k] for k in chosen.tolist()], rows.source)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
-    if columns.episode == FILE:
+    if columns.episode == FILE and not columns.options.id:
         starts = np.cumsum([0, *rows.sizes.values()])
         heads = np.union1d(heads, starts[starts < len(rows)])
     files: dict[Id, str] = {}

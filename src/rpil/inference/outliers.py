@@ -121,9 +121,10 @@ def own_gain(
 
 def neighbour_gain(group: Bool[Array, " M"], data: FitData, settings: HeldOutSettings) -> float:
     """`own_gain` by the mean action in the `N_NEIGHBOURS` nearest states of the other members, in place of a linear
-    policy; of many steps, by every second, third and so on. -inf where only one member has such steps."""
+    policy; of many steps, by some, evenly spaced. -inf where only one member has such steps."""
     rows = np.flatnonzero(data.per_step(group))
-    rows = rows[:: -(-len(rows) // MAX_SEARCHED)]
+    # Not at a whole distance, at which demonstrations of one length would have the same few steps.
+    rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), MAX_SEARCHED)).astype(int)]
     owner = data.per_step(np.arange(len(group)))[rows]
     k = min(N_NEIGHBOURS, len(rows) - int(np.bincount(owner).max()))
     if k == 0:

@@ -103,6 +103,10 @@ def test_an_episode_in_two_files_is_refused(tmp_path):
     said = rf"demonstration {m}: it is both in .*{first.name} and in .*{second.name}; write its rows to one file"
     with pytest.raises(DataError, match=said):
         find(root).keep(tmp_path / "kept", [m])
+    folders.change_info(root, total_frames=1)
+    assert any("total_frames" in one.sentence for one in find_defects(root, False)), (
+        "the folder is checked all the same"
+    )
 
 
 @pytest.mark.parametrize("place", ["../../{video_key}.mp4", "videos/../../secret.mp4"])
@@ -113,6 +117,9 @@ def test_no_video_outside_the_folder_is_read(tmp_path, place):
         (tmp_path.parent / name).write_bytes(b"key")
     folders.change_info(root, video_path=place)
     with pytest.raises(DataError):
+        find(root).keep(tmp_path / "kept", [1])
+    folders.change_info(root, video_path=None)
+    with pytest.raises(DataError, match="video_path is not there; write the path"):
         find(root).keep(tmp_path / "kept", [1])
     folders.change_info(root, features={"../../x": {"dtype": "video"}})
     with pytest.raises(DataError, match="no name of a camera"):

@@ -78,13 +78,20 @@ class CheckedFolder(MetaFolder):
     @cached_property
     def data(self) -> dict[int, EpisodeRows]:
         """The rows of each episode, by the data; of those in damaged files there are none."""
+        return {m: rows for own in self._by_file.values() for m, rows in own.items()}
+
+    @cached_property
+    def _by_file(self) -> dict[str, dict[int, EpisodeRows]]:
+        return without_damaged(map(str, find_files(self.path)[0]), self._rows_in)[0]
+
+    def check_whole(self) -> None:
+        """A `DataError` where an episode lies in two files."""
         found: dict[int, EpisodeRows] = {}
-        for own in without_damaged(map(str, find_files(self.path)[0]), self._rows_in)[0].values():
+        for own in self._by_file.values():
             for m in own.keys() & found.keys():
                 said = f"it is both in {found[m].file} and in {own[m].file}; write its rows to one file"
                 raise DataError(f"{self.path}, demonstration {m}: {said}.")
             found |= own
-        return found
 
     def _rows_in(self, file: str) -> dict[int, EpisodeRows]:
         with guarded(file):
@@ -169,7 +176,9 @@ class CheckedFolder(MetaFolder):
                     raise DataError(f"meta/episodes, demonstration {m}: {said}.")
                 names = [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index")]
                 chunk, file = (row[name] for name in names) if names[0] in row else (m // int(n_in_chunk), m)
-                check_inside(place := self.path / fill(self.info["video_path"], chunk, file, camera), self.path)
+                if not isinstance(template := self.info.get("video_path"), str):
+                    raise DataError(f"{self.path / INFO}: video_path is not there; write the path of the videos.")
+                check_inside(place := self.path / fill(template, chunk, file, camera), self.path)
                 own.append(Shot(camera, m, place, start, end, self.data[m].n))
             starts = defaultdict[Path, list[float]](list)
             for shot in own:

@@ -117,6 +117,7 @@ def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) ->
 def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> None:
     """Write a new folder in the layout of version 3.0: episodes get new numbers from 0, in the order of the files."""
     info, old, meta = check_output(path, output), CheckedFolder(path), output / "meta"
+    old.check_whole()
     kept = {m: rows for m, rows in old.data.items() if str(m) in ids}
     with guarded(old.path / "meta" / "episodes"):
         if old.schema is None:
