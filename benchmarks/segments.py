@@ -5,8 +5,7 @@
 
 AUROC is of rows, whether they are of a wrong act, by the score of their segment, and of demonstrations, whether they
 hold one, by `rpil.segments.find.shortfall`. Two marked segments are a good and a bad act by the truth, drawn at random;
-their rows do not count. On OCBench a bound stands beside: what the place of the moved things says to someone who knows
-the task, or of hanoi the probability of a mistake by someone who knows the oracle but not its peg.
+their rows do not count.
 """
 
 from __future__ import annotations

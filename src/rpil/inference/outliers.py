@@ -19,7 +19,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.distance import cdist
 from scipy.special import logit
 
 from rpil.data.copies import Copies
@@ -129,8 +128,10 @@ def neighbour_gain(group: Bool[Array, " M"], data: FitData, settings: HeldOutSet
     k = min(N_NEIGHBOURS, len(rows) - int(np.bincount(owner).max()))
     if k == 0:
         return -np.inf
-    states, actions = data.features[rows], indicators(data)[rows]
-    distance = np.where(owner[:, None] == owner, np.inf, cdist(states, states, "sqeuclidean"))
+    states, actions = data.features[rows].astype(float), indicators(data)[rows]
+    states -= states.mean(axis=0)  # of large numbers the differences below would lose digits
+    apart = (states**2).sum(axis=1) - 2 * states @ states.T  # squared distances, but for a constant of each row
+    distance = np.where(owner[:, None] == owner, np.inf, apart)
     mean = actions[np.argpartition(distance, k - 1, axis=1)[:, :k]].mean(axis=1)
     if isinstance(data.space, Discrete):
         log_proba = np.log(np.maximum(mean, MIN_WEIGHT))
