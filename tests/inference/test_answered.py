@@ -265,7 +265,6 @@ def test_nothing_is_asked_twice_and_what_is_given_stays_as_it_is():
     assert places_to_ask(np.arange(2.0), np.zeros(2, dtype=bool), 2, SETTINGS, 1) == [0]  # .3 is nearer to 0 than to 1
 
 
-# Copies.
 EVERY = np.append(np.arange(12), [11, 11, 0])  # two copies of the best, one of the worst
 
 
