@@ -221,12 +221,15 @@ def _array(store: zarr.abc.store.Store, files: Mapping[str, int], where: str, he
     name = header.rpartition("/")[0]
     with guarded(where := f"{where}: {name}", *_DAMAGED_HEADER), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of what in format 3 other libraries may not read
+        warnings.filterwarnings("error", ".*The stored chunk shape .* is invalid")  # zarr 3.4 reads another one
         check_free(100 * files[header])  # bytes that JSON may take for each of its own
         try:
             array = open(store=store, path=name, mode="r", use_consolidated=False)
         except Exception as error:  # of several types, where the codec is unknown
             if _IMAGES in str(error):
                 return _CLOSED
+            if isinstance(error, Warning):
+                raise ValueError(error) from error
             raise
         if isinstance(array, Group):
             return ""
