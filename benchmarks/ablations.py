@@ -30,6 +30,7 @@ from options import asked, output, write_json
 from provenance import line, provenance
 from rpil import Settings
 from rpil.inference import outliers, scores
+from rpil.inference.channels import normal_scores
 from rpil.inference.settings import AnswerSettings, JudgeSettings
 from worlds import kinds
 from worlds.simulated import of_paper
@@ -38,6 +39,7 @@ DEFAULT = "the default"
 DRAWS, LABELS = 5, 8
 FAMILIES = ("recorded", "half", "walks", "point mass", "paper", "plain", *kinds.KINDS)
 NEVER = 1e9
+RANKS = "ranks, not distances"
 WITHOUT: dict[str, tuple[Any, str, Callable[..., Any]]] = {
     "steps as independent": (scores, "dependence", lambda data, *_: np.zeros(data.n_demonstrations)),
     "own rules are linear": (outliers, "neighbour_gain", lambda *_: -np.inf),
@@ -69,6 +71,8 @@ ANSWERS: dict[str, AnswerSettings] = {
     DEFAULT: AnswerSettings(),
     "no prior on the ranking (by_ranking 0)": AnswerSettings(by_ranking=0.0),
     "no prior on the group (by_group 0)": AnswerSettings(by_group=0.0),
+    RANKS: AnswerSettings(),
+    "fixed places alone (max_lead 99)": AnswerSettings(max_lead=99),
     "precision 4": AnswerSettings(precision=4.0),
     "min_proba .77": AnswerSettings(min_proba=0.77),
     "min_proba .9": AnswerSettings(min_proba=0.9),
@@ -101,7 +105,7 @@ def main(arguments: list[str] | None = None) -> int:
                 write_json(options.json, found)
         labelled_jobs = [job for job in jobs if job.kind in ("recorded", "paper")]
         audits = pool.map(answers.audited, labelled_jobs, chunksize=1)
-    found |= {"answers": {name: labelled(audits, each) for name, each in ANSWERS.items()}, "unfinished": False}
+    found |= {"answers": {name: labelled(audits, name) for name in ANSWERS}, "unfinished": False}
     if options.json:
         write_json(options.json, found)
     print(f"{markdown(found)}\n\n{line(found['provenance'])}")
@@ -125,17 +129,22 @@ def jobs_of(folder: Path) -> list[Job]:
     return [job for job in every if job.kind != "point mass" or job.name.endswith("12 of 40, 1")]
 
 
-def labelled(audits: list[Row], settings: AnswerSettings) -> list[Row]:
-    """Words for the rest of each set after random labels."""
-    rows = []
+def labelled(audits: list[Row], name: str) -> list[Row]:
+    """Words for the rest of each set after random labels, and after those that are asked for."""
+    rows, settings = [], ANSWERS[name]
     for audit in audits:
-        for draw in range(DRAWS):
-            chosen = answers.drawn(audit["good"], LABELS, np.random.default_rng(draw))
+        if name == RANKS:
+            ranks = normal_scores(audit["log_odds"][:, None])
+            audit = audit | {"columns": np.column_stack([ranks, audit["columns"][:, 1:]])}
+        draws = [answers.drawn(audit["good"], LABELS, np.random.default_rng(draw)) for draw in range(DRAWS)]
+        asked = draws[0] if draws[0] is None else answers.suggested(audit, LABELS, settings)
+        for n, chosen in enumerate([*draws, asked]):
             if chosen is not None:
                 rest = answers.rest_of(audit, chosen)
                 found = answers.labelled(audit, chosen, settings=settings)
                 good, verdicts = audit["good"][rest].tolist(), found.verdicts[rest].tolist()
-                rows.append({"good": good, "verdicts": verdicts, "log_odds": found.log_odds[rest].tolist()})
+                row = {"good": good, "verdicts": verdicts, "log_odds": found.log_odds[rest].tolist()}
+                rows.append(row | {"asked": n == DRAWS})
     return rows
 
 
@@ -149,7 +158,8 @@ def markdown(result: Row) -> str:
     head = ["| variant | " + " | ".join(families) + " |", "|---|" + "---|" * len(families)]
     rules = [f"| {name} | {' | '.join(cells(rows, families))} |" for name, rows in result["rules"].items()]
     parts = ["## Ablations", "", text, "", *head, *rules, "", f"Others after {LABELS} random labels:", ""]
-    parts += ["| variant | with a verdict | wrong | AUROC |", "|---|---|---|---|"]
+    parts += ["| variant | with a verdict | wrong | AUROC | asked: with a verdict | wrong | bad ones named |"]
+    parts += ["|---|---|---|---|---|---|---|"]
     return "\n".join([*parts, *(told(name, rows) for name, rows in result["answers"].items())])
 
 
@@ -168,11 +178,19 @@ def cells(rows: list[Row], families: list[str]) -> Iterator[str]:
 
 def told(name: str, rows: list[Row]) -> str:
     """A row of the table of answers."""
+    random, asked = ([row for row in rows if row["asked"] == each] for each in (False, True))
+    values = [auroc(np.array(row["good"]), np.array(row["log_odds"])) for row in random]
+    mean = np.nanmean(values) if values else np.nan
+    (said, wrong, _), (said_asked, wrong_asked, named) = words(random), words(asked)
+    return f"| {name} | {said} | {wrong} | {mean:.3f} | {said_asked} | {wrong_asked} | {named} |"
+
+
+def words(rows: list[Row]) -> tuple[str, str, str]:
+    """The share with a verdict, that of wrong ones, and how many of the bad ones are bad."""
     good, verdicts = (np.concatenate([row[of] for row in rows]) if rows else np.zeros(0) for of in ("good", "verdicts"))
     wrong, said = (verdicts * (2 * good - 1) < 0).sum(), (verdicts != 0).sum()
-    values = [auroc(np.array(row["good"]), np.array(row["log_odds"])) for row in rows]
-    figures = f"{said / max(len(good), 1):.0%} | {wrong / max(said, 1):.1%}"
-    return f"| {name} | {figures} | {np.nanmean(values) if values else np.nan:.3f} |"
+    named = f"{((verdicts < 0) & (good == 0)).sum()} of {(good == 0).sum()}"
+    return f"{said / max(len(good), 1):.0%}", f"{wrong / max(said, 1):.1%}", named
 
 
 if __name__ == "__main__":

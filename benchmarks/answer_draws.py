@@ -111,18 +111,19 @@ def mean(values: Iterable[float]) -> str:
     return f"{found.mean():.3f} (standard error {found.std(ddof=1) / np.sqrt(len(found)):.3f}, {len(found)} sets)"
 
 
-def next_asked(audit: Row, labels: Array, unknown: list[int]) -> int:
+def next_asked(audit: Row, labels: Array, unknown: list[int], settings: AnswerSettings = SETTINGS) -> int:
     """The demonstration whose label is asked for next, none of the `unknown`."""
     is_said = labels != 0
     is_said[unknown] = True
-    return places_to_ask(audit["log_odds"], is_said, int(np.count_nonzero(labels)), SETTINGS, 1)[0]
+    now = answered(audit, Answers.of_labels(labels), settings).log_odds
+    return places_to_ask(audit["log_odds"], now, labels, is_said, settings, 1)[0]
 
 
-def suggested(audit: Row, count: int) -> Array:
+def suggested(audit: Row, count: int, settings: AnswerSettings = SETTINGS) -> Array:
     """The labels that are asked for one after the other, each answered before the next."""
     unknown, chosen = np.flatnonzero(audit["good"] < 0).tolist(), []
     labels = np.zeros(len(audit["good"]), dtype=int)
     for _ in range(count):
-        chosen.append(next_asked(audit, labels, unknown))
+        chosen.append(next_asked(audit, labels, unknown, settings))
         labels[chosen[-1]] = 2 * audit["good"][chosen[-1]] - 1
     return np.array(chosen)

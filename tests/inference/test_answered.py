@@ -241,28 +241,48 @@ def places(log_odds, chosen):
     return (np.argsort(np.argsort(log_odds))[chosen] / (len(log_odds) - 1)).tolist()
 
 
+def asked(ranking, labels, k, said=None, now=None):
+    """The demonstrations that are asked about next; `said` are those of which something else is known."""
+    labels, none = np.array(labels, dtype=np.int64), np.zeros(len(labels), dtype=bool)
+    is_said = (labels != 0) | (none if said is None else said)
+    return places_to_ask(ranking, ranking if now is None else now, labels, is_said, SETTINGS, k)
+
+
 def test_labels_are_asked_for_at_fixed_places_of_the_ranking():
     log_odds = np.random.default_rng(0).permutation(101).astype(float)
-    nothing = np.zeros(101, dtype=bool)
-    chosen = places_to_ask(log_odds, nothing, 0, SETTINGS, 10)
+    labels = np.zeros(101, dtype=np.int64)
+    chosen = asked(log_odds, labels, 14)
     fixed = [0.1, 0.95, 0.3, 0.55, 0.03, 0.75, 0.2, 0.4]
-    # and 8 and 9 times .618, of which the nearest, .95 and .55, are taken
-    assert places(log_odds, chosen) == pytest.approx([*fixed, 0.94, 0.56])
-    later = places_to_ask(log_odds, nothing, 10, SETTINGS, 4)
-    assert places(log_odds, later) == pytest.approx([0.18, 0.80, 0.42, 0.03])  # 10 to 13 times .618
-    assert places_to_ask(log_odds, np.isin(np.arange(101), chosen[:3]), 3, SETTINGS, 2) == chosen[3:5]
-    assert places_to_ask(log_odds, nothing, 1, SETTINGS, 1) == chosen[1:2]
-    beside = places_to_ask(log_odds, log_odds == 10, 0, SETTINGS, 1)
+    # and 8 to 13 times .618, of which the nearest, .95 and .55, are taken
+    assert places(log_odds, chosen) == pytest.approx([*fixed, 0.94, 0.56, 0.18, 0.80, 0.42, 0.04])
+    for n, sign in enumerate([-1, 1, -1, 1]):
+        labels[chosen[n]] = sign
+        assert asked(log_odds, labels, 2) == chosen[n + 1 : n + 3]
+    beside = asked(log_odds, np.zeros(101), 1, log_odds == 10)
     assert places(log_odds, beside) in ([0.09], [0.11])
 
 
+def test_once_a_kind_leads_the_next_one_is_likely_of_the_other_kind():
+    ranking, now = np.arange(101.0), np.arange(101.0)[::-1]  # the answers turn the ranking
+    for sign, likely in ((1, 96), (-1, 4)):
+        labels = np.zeros(101)
+        labels[[10, 30, 95]] = sign  # of one kind alone: at fixed places
+        assert asked(ranking, labels, 1, now=now) == [55]
+        labels[55] = -sign
+        assert asked(ranking, labels, 2, now=now) == [likely, 75]
+        labels[likely] = -sign
+        assert asked(ranking, labels, 1, now=now) == [75]
+
+
 def test_nothing_is_asked_twice_and_what_is_given_stays_as_it_is():
-    said = np.array([True, False, False, True, False])
-    assert sorted(places_to_ask(np.arange(5.0), said, 2, SETTINGS, 9)) == [1, 2, 4]
+    labels, said = np.array([1, 0, 0, -1, 0]), np.array([True, False, False, True, False])
+    assert sorted(asked(np.arange(5.0), labels, 9)) == [1, 2, 4]
+    assert sorted(asked(np.arange(5.0), [1, 1, 0, 1, -1], 9)) == [2]
     assert said.tolist() == [True, False, False, True, False]
-    assert places_to_ask(np.arange(5.0), ~said | said, 5, SETTINGS, 3) == []
-    assert places_to_ask(np.zeros(1), np.zeros(1, dtype=bool), 0, SETTINGS, 2) == [0]
-    assert places_to_ask(np.arange(2.0), np.zeros(2, dtype=bool), 2, SETTINGS, 1) == [0]  # .3 is nearer to 0 than to 1
+    assert asked(np.arange(5.0), [1, 1, 1, -1, 1], 3) == []
+    assert asked(np.arange(5.0), [1, 1, 1, 0, 0], 9, ~said | said) == []
+    assert asked(np.zeros(1), [0], 2) == [0]
+    assert asked(np.arange(4.0), [0, 0, 1, -1], 1) == [1]  # the first of two places at .3
 
 
 EVERY = np.append(np.arange(12), [11, 11, 0])  # two copies of the best, one of the worst

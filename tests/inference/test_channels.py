@@ -18,9 +18,10 @@ from rpil.inference.channels import (
     components,
     normal_scores,
     own_log_prob,
+    spaced,
     summaries,
 )
-from rpil.inference.settings import AnswerSettings, ChannelSettings
+from rpil.inference.settings import ChannelSettings
 from rpil.numerics.regression import ErrorSettings, student_log_densities
 
 SETTINGS, ERRORS = ChannelSettings(), ErrorSettings()
@@ -120,11 +121,25 @@ def test_normal_scores_are_quantiles_of_ranks():
     np.testing.assert_allclose(normal_scores(np.exp(values) * 7), found)
 
 
-def test_columns_are_normal_scores_components_and_bounded_log_odds():
-    values, seen = np.array([[3.0, 5.0], [9.0, 5.0], [1.0, 5.0]]), np.array([[0.1], [0.4], [0.2]])
-    found = columns_of(values, seen, np.array([7.0, -1.5, -9.0]), AnswerSettings())
-    np.testing.assert_allclose(found[:, 0], norm.ppf([1 / 2, 5 / 6, 1 / 6]), atol=1e-12)
-    np.testing.assert_allclose(found[:, 1:], [[0, 0.1, 2], [0, 0.4, -1], [0, 0.2, -2]], atol=1e-12)
+def test_columns_are_the_ranking_normal_scores_components_and_the_group():
+    values, seen = np.array([[7.0, 3.0], [-1.5, 9.0], [-9.0, 1.0]]), np.array([[0.1], [0.4], [0.2]])
+    found = columns_of(values, seen, np.array([2.0, 6.0, 1.0]))
+    np.testing.assert_allclose(found[:, 0], np.arcsinh(np.array([4, 0, -1]) / 1.4826))  # the highest is the first
+    np.testing.assert_allclose(found[:, 1], norm.ppf([1 / 2, 5 / 6, 1 / 6]), atol=1e-12)
+    np.testing.assert_allclose(found[:, 2:], np.column_stack([seen, np.arcsinh(values[:, 0])]))
+
+
+@pytest.mark.parametrize(
+    ("ranking", "score", "expected"),
+    [
+        ([3, 3, 1, 4], [0, 1, 2, 9], [0, 0, -1.5 / 1.4826, 7.5 / 1.4826]),  # two share their places
+        ([1, 2, 3, 4, 5], [0, 0, 0, 0, 5], [0, 0, 0, 0, 2.5]),  # no median deviation
+        ([1, 2, 3], [4, 4, 4], [0, 0, 0]),
+    ],
+)
+def test_the_ranking_is_spaced_as_the_scores_are(ranking, score, expected):
+    found = spaced(np.array(ranking, dtype=float), np.array(score, dtype=float))
+    np.testing.assert_allclose(found, np.arcsinh(expected), atol=1e-12)
 
 
 @pytest.mark.parametrize(("size", "most"), [(4, 3), (30, 8)])  # the scores are centred: four have three components

@@ -14,7 +14,7 @@ from rpil.data.fit_data import Demonstrators
 from rpil.inference import trust as module
 from rpil.inference.answered import answer
 from rpil.inference.answers import Answers
-from rpil.inference.channels import CHANNELS, StateScale, columns_of, normal_scores
+from rpil.inference.channels import CHANNELS, StateScale, columns_of, spaced
 from rpil.inference.groups import expert_share_interval
 from rpil.inference.held_out import held_out_model
 from rpil.inference.outliers import Claims
@@ -39,8 +39,8 @@ SOURCE = Demonstrations(np.zeros((10, 1)), np.arange(10) % 2, np.arange(11))
 def concluded(labels=None, p_two=0.999, who=Demonstrators(), finding="outliers"):
     """The judgement of `SCORE`, the audit with these labels, and the labels as answers."""
     scores = scores_of(scoring_of(same_actions(10), lambda group: 0.0, SETTINGS), SCORE, p_two)
-    described = np.column_stack([SCORE, *np.cos(np.outer(np.arange(1, 7), np.arange(10.0)))])  # one for each channel
-    columns = columns_of(described, described[:, :0], scores.log_odds, SETTINGS.answers)
+    facts = np.cos(np.outer(np.arange(1, 7), np.arange(10.0)))  # one for each of the other channels
+    columns = columns_of(np.column_stack([scores.log_odds, *facts]), np.empty((10, 0)), SCORE)
     claims, states, own = Claims(finding, LOWER), StateScale(np.ones(2), 0.0), np.arange(10)
     none = np.zeros(10), np.zeros(0), np.zeros(10)
     judgement = Judgement(scores, columns, states, claims, own, *none)
@@ -171,8 +171,8 @@ def test_the_judge_tells_its_stages_and_keeps_what_they_found():
     assert not toy.is_good[found.pair[1]]
     assert found.log_ratio.shape == (toy.offsets[-1],)
     assert found.reliability[toy.is_good].min() > found.reliability[~toy.is_good].max()
-    np.testing.assert_allclose(found.columns[:, 0], normal_scores(found.log_odds[:, None])[:, 0])
-    np.testing.assert_allclose(found.columns[:, -1], np.clip(found.log_odds, -3, 3) * 2 / 3)
+    np.testing.assert_array_equal(found.columns[:, 0], spaced(found.log_odds, found.scores.score))
+    np.testing.assert_allclose(found.columns[:, -1], np.arcsinh(found.log_odds))
     assert found.columns.shape == (16, len(CHANNELS) + 8 + 1)
     assert found.part.tolist() == [0.0] * 16  # nobody learns
     assert found.copy_of.tolist() == [*range(16)]

@@ -27,7 +27,7 @@ from rpil.inference.witnesses import (
 
 NAN, SETTINGS = np.nan, AnswerSettings()
 SURE = logit(1 - SETTINGS.error)
-ONE_SIDED, ANCHOR = np.array([0.25, NOTHING, NOTHING, NOTHING]), np.array([0.0, 1.0, 0.0, 0.5])
+ONE_SIDED, ANCHOR = np.array([0.25, NOTHING, NOTHING, NOTHING]), np.array([0.0, 0.8, 0.0, 0.5])
 WIDE = np.array([0.25, 1.0, 1.0, 1.0])
 
 

@@ -120,13 +120,23 @@ def contradicting(answers: Answers, right: Float[Array, " L"], settings: AnswerS
 
 
 def places_to_ask(
-    log_odds: Float[Array, " M"], is_said: Bool[Array, " M"], n_answers: int, settings: AnswerSettings, k: int
+    ranking: Float[Array, " M"],
+    log_odds: Float[Array, " M"],
+    labels: Int[Array, " M"],
+    is_said: Bool[Array, " M"],
+    settings: AnswerSettings,
+    k: int,
 ) -> list[int]:
     """Up to `k` demonstrations to ask about, of which nothing `is_said`, the first one first: those nearest to fixed
-    places of the ranking by `log_odds`, from either end in turn, of which `n_answers` have been asked already."""
-    place = np.argsort(np.argsort(log_odds, kind="stable")) / max(len(log_odds) - 1, 1)
-    free, chosen = ~is_said, list[int]()
-    for n in range(n_answers, n_answers + min(k, int(free.sum()))):
+    places of the ranking, from either end in turn; the `labels` have been asked for already. Where these are of both
+    kinds, and one leads, the first is of the other kind by the `log_odds` of good."""
+    place = np.argsort(np.argsort(ranking, kind="stable")) / max(len(ranking) - 1, 1)
+    free, chosen, n_answers, lead = ~is_said, list[int](), int(np.count_nonzero(labels)), int(labels.sum())
+    if settings.max_lead <= abs(lead) < n_answers and free.any():
+        order = np.flatnonzero(free)[np.argsort(np.sign(lead) * log_odds[free], kind="stable")]
+        chosen.append(int(order[int(settings.rare_place * len(order))]))
+        free[chosen] = False
+    for n in range(n_answers + len(chosen), n_answers + min(k, len(chosen) + int(free.sum()))):
         asked = settings.asked_places[n] if n < len(settings.asked_places) else n * golden % 1
         chosen.append(int(np.argmin(np.where(free, np.abs(place - asked), np.inf))))
         free[chosen[-1]] = False

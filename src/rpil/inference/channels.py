@@ -16,7 +16,7 @@ from scipy.special import ndtri
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.inference.settings import AnswerSettings, ChannelSettings
+from rpil.inference.settings import ChannelSettings
 from rpil.numerics.regression import ErrorSettings, mean_ranks, medians, student_log_densities
 from rpil.numerics.types import Array, Bool, Float
 
@@ -85,15 +85,20 @@ def channels(
 
 
 def columns_of(
-    channels: Float[Array, "M C"],
-    components: Float[Array, "M K"],
-    log_odds: Float[Array, " M"],
-    settings: AnswerSettings,
+    channels: Float[Array, "M C"], components: Float[Array, "M K"], score: Float[Array, " M"]
 ) -> Float[Array, "M D"]:
-    """The columns from which answers learn: normal scores of channels, components, log-odds of the upper group."""
-    bound = settings.max_group_log_odds
-    group = np.clip(log_odds, -bound, bound) * settings.group_scale / bound
-    return np.column_stack([normal_scores(channels), components, group])
+    """The columns from which answers learn: the ranking, spaced as the scores are; normal scores of the other channels;
+    components; and the log-odds of the upper group. `arcsinh` keeps what is far away, but not as it is."""
+    agreement, others = channels[:, 0], normal_scores(channels[:, 1:])
+    return np.column_stack([spaced(agreement, score), others, components, np.arcsinh(agreement)])
+
+
+def spaced(ranking: Float[Array, " M"], score: Float[Array, " M"]) -> Float[Array, " M"]:
+    """Arcsinh of the scores, sorted as the `ranking` is, from their median, in median absolute deviations times 1.48,
+    or in standard deviations where half of the scores are the same."""
+    away = np.sort(score) - np.median(score)
+    size = 1.4826 * np.median(np.abs(away)) or away.std() or 1.0
+    return np.asarray(np.interp(mean_ranks(ranking), np.arange(1, len(away) + 1), np.arcsinh(away / size)))
 
 
 def components(summaries: Float[Array, "M S"], settings: ChannelSettings) -> Float[Array, "M K"]:

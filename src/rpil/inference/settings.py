@@ -135,12 +135,13 @@ class ChannelSettings:
     prior_log_odds="[0, inf)",
     max_levels="[2, inf)",
     asked_places="[0, 1]",
+    rare_place="[0, 1]",
     max_folds="[2, inf)",
 )
 class AnswerSettings:
     """Bayesian logistic regression on answers (`rpil.inference.answers`)."""
 
-    by_ranking: float = 1.0
+    by_ranking: float = 0.8
     by_group: float = 0.5
     """Prior means of the weights of the ranking and of the group of scores; those of all other columns are 0."""
     precision: float = 1.0
@@ -155,10 +156,6 @@ class AnswerSettings:
     """Demonstrations that this prior is worth."""
     max_levels: int = 3
     """Different values of a witness; of more, as many quantiles."""
-    max_group_log_odds: float = 3.0
-    """Nats by which the log-odds of the upper group are bounded as a column."""
-    group_scale: float = 2.0
-    """Value of the column of the group at that bound."""
     sharpness: float = 4.0
     """Factor of the log-odds by columns where answers predict each other without a doubt."""
     min_trust: float = 0.05
@@ -175,6 +172,10 @@ class AnswerSettings:
     """Answers up to which each is predicted by all others; of more, each by those of the other folds."""
     asked_places: tuple[float, ...] = (0.1, 0.95, 0.3, 0.55, 0.03, 0.75, 0.2, 0.4)
     """Places in the ranking, from the lowest, at which labels are asked for, one after the other."""
+    max_lead: int = 2
+    """Labels by which one kind leads the other before one that is likely of the other kind is asked for."""
+    rare_place: float = 0.05
+    """Place of that one in the order of P(good), from its end."""
 
 
 @settings_record(variance_steps="[0, inf)", min_gain="[0, inf)", monotony="[0, inf)")

@@ -79,7 +79,7 @@ def judge(
     actions, states = indicators(data), StateScale.of(data, settings.channels)
     values = channels(data, scores.log_odds, log_prob, log_ratio, actions, scoring.own, states)
     seen = components(summaries(data, actions), settings.channels)
-    columns, own = columns_of(values, seen, scores.log_odds, settings.answers), np.arange(data.n_demonstrations)
+    columns, own = columns_of(values, seen, scores.score), np.arange(data.n_demonstrations)
     part = np.zeros(len(own)) if learner is None else two_parts(learner, scores, claims.verdicts < 0, settings)
     return Judgement(scores, columns, states, claims, own, data.mean_steps(log_ratio > 0), log_ratio, part)
 

@@ -153,10 +153,8 @@ def weigh(
     for _ in range(MAX_ROUNDS):
         new = np.zeros_like(found)
         for k, (level, counts) in enumerate(zip(levels, priors, strict=True)):
-            others, ratio = (
-                evidence.copy(),
-                log_ratio(counts) * (by_columns[k] > 0.5),
-            )  # nothing else may tell its worth
+            others = evidence.copy()
+            ratio = log_ratio(counts) * (by_columns[k] > 0.5)  # nothing else may tell its worth
             others[:n] += np.delete(found, [k, *alike[k]], axis=1).sum(axis=1)
             if is_contrast(others, n_pairs):
                 log_odds = regression(rows, others, n_pairs, settings)(rows[:n]) + others[:n]

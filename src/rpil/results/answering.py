@@ -220,7 +220,8 @@ def suggest_labels(audit: Judged, k: int = 3) -> tuple[Hashable, ...]:
         raise DataError(f"k={k!r} labels cannot be suggested; ask for one at least.")
     first = np.unique(audit.copy_of, return_index=True)[1]
     known, settings = audit.answers.once(audit.copy_of), audit.settings.judge.answers
-    chosen = places_to_ask(audit.from_actions[first], known.said != 0, int(np.count_nonzero(known.labels)), settings, k)
+    ranking, log_odds = audit.from_actions[first], audit.log_odds[first]
+    chosen = places_to_ask(ranking, log_odds, known.labels, known.said != 0, settings, k)
     return tuple(audit.ids[m] for m in first[chosen].tolist())
 
 

@@ -124,7 +124,7 @@ def judge_everyone(
     scores = replace(judged.scores, score=score, variance=variance, dependence=dependent, groups=groups)
     claims = widened(judged.claims, scores, settings.outliers)
     described[:, 0] = scores.log_odds
-    columns = columns_of(described, components(summed, settings.channels), scores.log_odds, settings.answers)
+    columns = columns_of(described, components(summed, settings.channels), score)
     own, part = np.arange(len(score)), np.abs(judged.part[0]) * np.where(side > 0, 1.0, -1.0)
     part[sample.indices] = judged.part
     return Judgement(scores, columns, judged.states, claims, own, reliability, log_ratio, part)
