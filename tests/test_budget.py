@@ -20,8 +20,8 @@ ROOT = TOOL["ROOT"]
 
 BUDGETS = {
     "cli": (2221, 22),
-    "data": (2428, 28),
-    "estimators": (1867, 18),
+    "data": (2402, 28),
+    "estimators": (1800, 18),
     "faults": (2984, 122),
     "formats": (5262, 54),
     "inference": (2228, 94),
@@ -35,7 +35,7 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 23_716, 2_069, 23_994
+LINES, PAGE_LINES, TEST_LINES = 23_623, 2_069, 23_994
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0

@@ -66,7 +66,7 @@ def test_load_refuses_truncated_and_damaged_files(saved):
     ("field", "value", "match"),
     [
         ("schema", "other", "no policy that rpil saved"),
-        ("version", 1, r"version 1 of the format, but rpil .* reads version 15; use"),
+        ("version", 1, r"version 1 of the format, but rpil .* reads version 16; use"),
         ("version", None, "version None"),
         ("version", [[["x"] * 9]] * 99, r"version \S\S\S'x'.{,15} of the format, but"),
         ("class", "GaussianPolicy", LOST),
@@ -109,7 +109,7 @@ def set_in(tree, path, value):
     [
         (("fitted", "policy_"), ...), (("fitted", "more_"), 1), (("fitted", "policy_", "class"), "os.system"),
         (("fitted", "policy_", "fields", "ridge"), ...), (("fitted", "features_", "fields", "kind"), "nystroem"),
-        (("classes",), {"array": ["classes"]}), (("names", "predict"), ["x", "y"]), (("classes",), None),
+        (("classes",), {"array": ["classes"]}), (("names",), ["x", "y", "z"]), (("names",), "xy"), (("classes",), None),
     ],
 )  # fmt: skip
 def test_load_refuses_inconsistent_headers(saved, path, value):

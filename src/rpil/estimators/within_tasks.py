@@ -162,7 +162,7 @@ def _fit_group(
         labels = np.append(given.labels, np.ones(more, dtype=int))  # those of the reference are good
         answers = replace(given, labels=labels, outcomes=np.concatenate([given.outcomes, outcomes]))
         stated = replace(stated, answers=answers, taken_over=())  # of two files none states these
-    task = Task.of(demonstrations, options.action_box, stated.answers, stated.demonstrators or None)
+    task = Task.of(demonstrations, stated.answers, stated.demonstrators or None)
     if stated.taken_over:
         task = replace(task, taken_over=np.concatenate(stated.taken_over))
     result = fit_task(task, options, keeps_policy)
