@@ -5,6 +5,7 @@ import csv
 import numpy as np
 import pytest
 
+from asked import read_answers
 from problems import refused, refused_file
 from rpil import formats
 from rpil.data.errors import DataError
@@ -16,7 +17,6 @@ from rpil.data.id_values import (
     parse_answers,
     parse_marks,
     read_answer_rows,
-    read_answers,
     write_answers,
 )
 

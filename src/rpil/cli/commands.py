@@ -166,7 +166,8 @@ def judge(file: str, given: RunOptions, progress: StageProgress) -> AuditRun:
     command = shlex.join(command_words(ctx, str(ctx.info_name), without=("quiet",)))
     chosen = FitOptions(features, given.adversary, given.seed, ctx.obj or Settings(), progress)
     audit = audit_recording(recording, stated, chosen, file, command, (given.labels, reference, *columns.files))
-    return AuditRun(audit, file, recording, {name: str(who) for name, who in stated.demonstrators.items()})
+    names = zip(map(str, audit.ids), stated.demonstrators, strict=False)
+    return AuditRun(audit, file, recording, {m: str(who) for m, who in names if who is not None})
 
 
 def look_for_faults(

@@ -65,10 +65,8 @@ def save(estimator: SavedEstimator, path: StrPath) -> None:
         ) from None
     given, params = estimator.get_params(deep=False), dict[str, Any]()
     for name in [name for name in given if name not in ("progress", "engine")]:
-        value = given[name]
-        plain = [np.asarray(part).tolist() for part in value] if isinstance(value, list | tuple | np.ndarray) else value
         with suppress(TypeError):  # those that cannot be encoded are dropped
-            params[name] = encode(plain, f"params/{name}", arrays)
+            params[name] = encode(given[name], f"params/{name}", arrays)
     header = {
         "class": kind,
         "names": [*getattr(estimator, "feature_names_in_", ())],
