@@ -231,5 +231,5 @@ CASES["reweight one fold"] = partial(reweighted, "noisy", n_folds=1, max_rounds=
 CASES["reweight labels"] = partial(reweighted, "flipped", labels={"d0": "good"})
 report = "audit data.npz --report report.html --weights weights.csv"
 CASES["command audit"] = partial(commanded, report, "corrupted")
-CASES["command audit json"] = partial(commanded, "audit data.npz --format json --features raw", "noisy")
+CASES["command audit json"] = partial(commanded, "audit data.npz --format json", "noisy")
 CASES["command fit"] = partial(commanded, "fit data.npz -o policy.rpil", "window")
