@@ -31,7 +31,7 @@ def test_each_file_of_a_folder_is_a_demonstration(tmp_path, monkeypatch):
     write(tmp_path / "runs" / "meta" / "notes.jsonl", [{"of": "all"}])
     (tmp_path / "runs" / "README.txt").write_text("a,b\n1,2\n")
     (tmp_path / "runs" / "labels.csv").write_text("id,label\nrun_0,good\n")  # of rpil label
-    assert rpil.open("runs").describe().format == "JSON lines, 3 files"
+    assert rpil.open("runs").description.format == "JSON lines, 3 files"
     assert rpil.read("runs").ids == ("run_0", "run_1", "run_10")
     (tmp_path / "runs" / "more").mkdir()
     write(tmp_path / "runs" / "more" / "run_0.jsonl", rows)
@@ -79,4 +79,4 @@ def test_a_return_within_an_object_ends_no_line(end, blank, tmp_path):
     (tmp_path / "labels.csv").write_text("id,label\n0,bad\n")
     ok("keep", tmp_path / "a.jsonl", "-o", tmp_path / "b.jsonl", "--verdicts", tmp_path / "labels.csv")
     assert (tmp_path / "b.jsonl").read_bytes() == b"".join(line + end for line in lines[5:])
-    assert rpil.open(tmp_path / "b.jsonl").describe().format == "JSON lines"
+    assert rpil.open(tmp_path / "b.jsonl").description.format == "JSON lines"
