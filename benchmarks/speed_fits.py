@@ -122,7 +122,7 @@ def _given(kind: str) -> RPIL:
 
 def auroc(model: RPIL, data: Planted) -> float:
     """How well log-odds tell good demonstrations from bad ones."""
-    return float(roc_auc_score(data.is_good, model.log_odds_))
+    return float(roc_auc_score(data.is_good, model.audit_.log_odds))
 
 
 def final_norm(model: RPIL, demonstrations: Demonstrations, codes: Array) -> float:

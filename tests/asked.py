@@ -1,8 +1,12 @@
 """Demonstrations about which questions are asked."""
 
+from pathlib import Path
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+
+from rpil.data.id_values import parse_answers, read_answer_rows
 
 N_STEPS, BAD = 40, {3, 5, 8, 9}
 
@@ -19,3 +23,8 @@ def write(name, n=24, ids=None, **columns):
     table = {"episode_index": named, "x": x, "v": v, "action": action + 0.1 * rng.normal(size=len(x)), **columns}
     pq.write_table(pa.table(table), name)
     return str(name)
+
+
+def read_answers(path):
+    """Labels and pairs of a file of answers."""
+    return parse_answers(read_answer_rows(path), Path(path).name)

@@ -226,6 +226,16 @@ def pooled_state(problem: FitData, which: str) -> State:
     return State(policy, adversary(which, problem.space, zero), ExpertPrior())
 
 
+def coefficients(model: Any) -> tuple[Array, Array]:
+    """Coefficients and intercepts of a linear policy on the columns of its features, shaped as scikit-learn's."""
+    features, weights = model.features_, model.policy_.weights
+    coef, intercept = (
+        (weights[:-1] / features.scale[:, None]).T,
+        weights[-1] - features.center / features.scale @ weights[:-1],
+    )
+    return (coef[1:] - coef[:1], intercept[1:] - intercept[:1]) if len(model.classes_) == 2 else (coef, intercept)
+
+
 @contextmanager
 def refused(match: str | None = None, error: type[Exception] = DataError) -> Iterator[Any]:
     """The block fails with one sentence, on one line."""

@@ -39,7 +39,7 @@ def assert_same_on_disk(path: Path) -> None:
     """What is left on disk is described as what is read into memory, and is the same."""
     on_disk, memory = rpil.open(path, on_disk=True), rpil.open(path, on_disk=False)
     assert isinstance(on_disk.demonstrations, rpil.Dataset)
-    assert on_disk.describe() == memory.describe()
+    assert on_disk.description == memory.description
     found = on_disk.demonstrations.select(slice(None))
     assert_same(found, memory.demonstrations)
     assert memory.demonstrations.action_names in ((), found.action_names)  # NPZ has none

@@ -3,6 +3,7 @@
 import http.client
 import json
 import re
+import socket
 import subprocess
 import sys
 import threading
@@ -13,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpil.cli.questions.server import Gate, Review, application, listen
+from rpil.cli.questions.server import Gate, Review, application
 from rpil.cli.questions.session import EpisodeVideos, Session
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import MissingExtraError, optional
@@ -96,7 +97,7 @@ def serving(review):
     """A client of a server that runs in a thread until the block ends."""
     import uvicorn
 
-    with listen() as at:
+    with socket.create_server(("127.0.0.1", 0)) as at:
         gate = Gate(at.getsockname()[1])
         config = uvicorn.Config(
             application(review, gate), log_level="warning", ws="none", lifespan="off", timeout_graceful_shutdown=1

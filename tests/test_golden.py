@@ -16,6 +16,7 @@ from sklearn.metrics.pairwise import rbf_kernel
 
 import rpil
 from archives import members
+from problems import coefficients
 
 GOLDEN = Path(__file__).parent / "golden"
 EXPECTED = json.loads((GOLDEN / "expected.json").read_text(encoding="utf-8"))
@@ -44,7 +45,7 @@ def rounding_of(model):
     z = (OBSERVATIONS - features.location) / features.spread
     folded = np.hstack([z, np.abs(z)])
     similarity = rbf_kernel(folded, features.landmarks, gamma=features.kernel_width / folded.shape[1])
-    of_features = np.abs(model.coef_[:, -len(features.landmarks) :].T)
+    of_features = np.abs(coefficients(model)[0][:, -len(features.landmarks) :].T)
     return np.finfo(float).eps * float((similarity @ np.abs(features.mixing) @ of_features).max())
 
 

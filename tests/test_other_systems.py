@@ -59,7 +59,7 @@ def test_a_file_that_another_process_holds_open_stays_and_the_error_names_it(dri
 
 
 ELSEWHERE = """
-import os, signal, sys
+import click, os, signal, sys
 for name in ("fork", "forkpty", "register_at_fork", "sched_getaffinity", "sysconf", "getuid", "geteuid", "mkfifo",
              "O_TMPFILE", "O_NOFOLLOW", "O_DIRECTORY", "killpg", "setsid", "fchmod", "chown", "link"):
     if hasattr(os, name):
@@ -71,7 +71,7 @@ sys.modules.update(dict.fromkeys(("fcntl", "resource", "pwd", "grp", "termios"))
 import rpil
 from rpil.cli.main import main
 def call(*words):
-    print(words, main([*words], standalone_mode=False))
+    print(words, click.Group.main(main, [*words], standalone_mode=False))
 call("info", "drive.csv")
 call("check", "drive.csv")
 call("audit", "drive.csv", "--verdicts", "v.csv", "--report", "a.html", "--quiet", "--memory", "64KB")

@@ -154,7 +154,7 @@ def test_adversary_recipe(package, monkeypatch, tmp_path):
     toy.actions[bad] = np.where(rng.random(bad.sum()) < 0.9, 0, rng.integers(3, size=bad.sum()))
     model = RPIL(adversary="mostly zero").fit(toy.demonstrations)
     assert model.audit_.adversary == "mostly zero"
-    assert ((model.log_odds_ > 0) == toy.is_good).all()
+    assert ((model.audit_.log_odds > 0) == toy.is_good).all()
     save(model, tmp_path / "model.rpil")
     assert load(tmp_path / "model.rpil").state_.adversary == mostly_zero()
 
@@ -223,8 +223,8 @@ def test_engine_recipe():
     toy = make("noisy", 0, n_good=60, n_bad=30, steps=(20, 60)).demonstrations
     here, there = small_rpil().fit(toy), small_rpil(engine=engine).fit(toy)
     assert set(engine.calls) == {"map", "then", "total"}
-    np.testing.assert_allclose(there.log_odds_, here.log_odds_, rtol=1e-9)
-    np.testing.assert_allclose(there.coef_, here.coef_, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(there.audit_.log_odds, here.audit_.log_odds, rtol=1e-9)
+    np.testing.assert_allclose(there.policy_.weights, here.policy_.weights, rtol=1e-6, atol=1e-9)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

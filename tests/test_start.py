@@ -41,6 +41,7 @@ WITHOUT = """
 import sys
 absent = "scipy", "sklearn", "threadpoolctl", "joblib", "jinja2", "markupsafe"
 sys.modules.update(dict.fromkeys(absent))  # as if not installed
+import click
 import rpil
 from rpil.cli.main import main
 rpil.Demonstrations
@@ -50,7 +51,7 @@ print(rpil.check(path).headline)
 rpil.write("copy.npz", rpil.read(path))
 rpil.open(path).keep(rpil.open(path).ids[:5], "kept.csv")
 for form in ("sarif", "markdown", "json", "text"):
-    main(["check", path, "--format", form], standalone_mode=False)
+    click.Group.main(main, ["check", path, "--format", form], standalone_mode=False)
 """
 
 

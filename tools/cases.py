@@ -58,7 +58,7 @@ def streamed(continuous: bool, folder: Path, labels: Any = None, engine: Any = N
     """The same from disk."""
     rpil.write(folder / "many.parquet", many(continuous))
     data = rpil.open(folder / "many.parquet", on_disk=True).demonstrations
-    return described(rpil.RPIL(labels=labels, engine=engine).fit(data), many(continuous), folder)
+    return described(rpil.RPIL(engine=engine).fit(data, labels=labels), many(continuous), folder)
 
 
 def on_dask(folder: Path) -> dict[str, Array]:
@@ -116,15 +116,14 @@ def refused(folder: Path) -> dict[str, Array]:
     """What is messages of mistakes."""
     data, continuous = toy("random"), toy("random", True)
     wrong: dict[str, Callable[[], Any]] = {
-        "label": lambda: rpil.RPIL(labels={"d99": "good"}).fit(data),
-        "label word": lambda: rpil.RPIL(labels={"d0": "good"}).fit(data),
+        "label": lambda: rpil.RPIL().fit(data, labels={"d99": "good"}),
+        "label word": lambda: rpil.RPIL().fit(data, labels={"d0": "good"}),
         "adversary": lambda: rpil.RPIL(adversary="evil").fit(data),
         "adversary of the other kind": lambda: rpil.RPIL(adversary="complement").fit(continuous),
         "m_step": lambda: rpil.RPIL(settings=mixture(m_step="both")).fit(data),
         "features": lambda: rpil.RPIL(features="deep").fit(data),
         "one": lambda: rpil.RPIL().fit(data.select([0])),
         "demonstrators": lambda: rpil.RPIL().fit(data, demonstrators=["a"]),
-        "box": lambda: rpil.RPIL(action_box=(0.0, 1.0)).fit(continuous),
         "matrix": lambda: rpil.Confusion.given([[1.0, 1.0], [0.0, 1.0]]),
         "n_trusted": lambda: rpil.RMEnt(n_trusted=99).fit(data),
         "weight": lambda: rpil.BehavioralCloning().fit(data, sample_weight=np.zeros(data.n_steps)),
@@ -187,7 +186,7 @@ for continuous, action in ((False, "discrete"), (True, "continuous")):
     add(f"two groups {action}", rpil.RPIL, rival)
     add(f"two groups, pair {action}", rpil.RPIL, rival, labels={"d0": "better than d15"})
     add(f"labels {action}", rpil.RPIL, rival, labels={"d0": "good", "d15": "bad"})
-    add(f"labels as a setting {action}", partial(rpil.RPIL, labels={"d2": "bad"}), noisy)
+    add(f"one label {action}", rpil.RPIL, noisy, labels={"d2": "bad"})
     add(f"demonstrators {action}", rpil.RPIL, noisy, demonstrators=[f"p{m // 4}" for m in range(20)])
     add(f"demonstrators by id {action}", rpil.RPIL, noisy, demonstrators={f"d{m}": m % 3 for m in range(15)})
     add(f"one step each {action}", rpil.RPIL, partial(toy, "random", continuous, 120, 80, 1))
@@ -213,8 +212,6 @@ for continuous, action in ((False, "discrete"), (True, "continuous")):
     add(f"RMEnt n_trusted {action}", partial(rpil.RMEnt, n_trusted=11, n_starts=30, features="auto"), noisy)
     CASES[f"large {action}"] = partial(fit, rpil.RPIL, partial(many, continuous))
     CASES[f"large streamed {action}"] = partial(streamed, continuous)
-    boxes = {"action_box": (-9.0, [9.0, 10.0])}
-add("action_box", partial(rpil.RPIL, **boxes), partial(toy, "noisy", True))
 given = [[0.1, 0.1, 0.8], [0.2, 0.6, 0.2], [0.8, 0.1, 0.1]]
 add("adversary given confusion", lambda: rpil.RPIL(adversary=rpil.Confusion.given(given)), partial(toy, "flipped"))
 add(
@@ -234,5 +231,5 @@ CASES["reweight one fold"] = partial(reweighted, "noisy", n_folds=1, max_rounds=
 CASES["reweight labels"] = partial(reweighted, "flipped", labels={"d0": "good"})
 report = "audit data.npz --report report.html --weights weights.csv"
 CASES["command audit"] = partial(commanded, report, "corrupted")
-CASES["command audit json"] = partial(commanded, "audit data.npz --format json --features raw", "noisy")
+CASES["command audit json"] = partial(commanded, "audit data.npz --format json", "noisy")
 CASES["command fit"] = partial(commanded, "fit data.npz -o policy.rpil", "window")

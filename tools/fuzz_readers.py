@@ -51,7 +51,7 @@ import rpil
 from rpil import formats
 from rpil.data import memory
 from rpil.data.errors import DataError, MissingExtraError
-from rpil.data.id_values import read_answers
+from rpil.data.id_values import read_answer_rows
 from rpil.faults.report import read_expected
 from rpil.formats.format import Dataset
 from rpil.formats.registry import FORMATS, find
@@ -136,7 +136,7 @@ CSV_LABELS = 'id,label\né0,expert\nb,bad\n"c, d",good\n'
 READERS: dict[str, tuple[Maker, Reader]] = {
     **{name: (make, read_data) for name, make in SAMPLES.items()},
     "policy": (policy, lambda path, _: rpil.load(path)),
-    "labels, CSV": (text("l.csv", CSV_LABELS), lambda path, _: read_answers(path)),
+    "labels, CSV": (text("l.csv", CSV_LABELS), lambda path, _: read_answer_rows(path)),
     "verdicts, CSV": (
         text("v.csv", "id,verdict,rejected_by\né0,expert,\nb,adversary,adversary\n"),
         lambda path, _: read_verdicts(path),

@@ -34,9 +34,6 @@ def models(continuous: bool) -> dict[str, Any]:
         "rment": rpil.RMEnt(n_trusted=7, n_starts=3),
         "judge": rpil.RPIL(),
         "judge of two groups": rpil.RPIL(random_state=5),
-        "judge with labels": rpil.RPIL(
-            labels=LABELS, features="nystroem", settings=rpil.Settings(judge_features="folded")
-        ),
         "mixture expert_only": rpil.RPIL(
             adversary="uniform",
             settings=rpil.Settings(mixture=rpil.MixtureSettings(m_step="expert_only", prior=(3.0, 2.0))),
@@ -45,14 +42,14 @@ def models(continuous: bool) -> dict[str, Any]:
     }
     unfitted |= {f"cloning {kind}": rpil.BehavioralCloning(features=kind) for kind in FEATURES}
     unfitted |= {f"mixture {name}": rpil.RPIL(adversary=name) for name in (CONTINUOUS if continuous else DISCRETE)}
-    if continuous:
-        unfitted["judge in a box"] = rpil.RPIL(action_box=(-9.0, [9.0, 10.0]))
-    else:
+    if not continuous:
         unfitted["mixture given confusion"] = rpil.RPIL(adversary=rpil.Confusion.given(GIVEN))
     found = {name: model.fit(rival if "groups" in name else data) for name, model in unfitted.items()}
     found["judge with answers"] = rpil.RPIL().fit(
         data, labels={"d0": "better than d11"}, outcome={"d1": 1.0, "d10": 0.0}
     )
+    with_labels = rpil.RPIL(features="nystroem", settings=rpil.Settings(judge_features="folded"))
+    found["judge with labels"] = with_labels.fit(data, labels=LABELS)
     people = [f"person {m % 3}" for m in range(len(data))]
     found["judge of people"] = rpil.RPIL().fit(data, demonstrators=people)
     groups = np.array([m + 100 for m in range(len(data))])[data.groups]

@@ -151,7 +151,7 @@ def samples(name: str, python: Path, folder: Path) -> Iterator[Path]:
 
 def of_tool(name: str, path: Path) -> bool:
     """Whether the tool reads the format of the file or folder at a path."""
-    said = rpil.open(path).describe().format.lower()
+    said = rpil.open(path).description.format.lower()
     return name in said and not said.startswith("lerobot v2")  # which LeRobot 0.6.1 converts first
 
 

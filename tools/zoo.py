@@ -18,8 +18,8 @@ Array = NDArray[Any]
 ROWS = 2000
 """Observations, at most, of which a policy is asked."""
 
-FITTED = ("log_odds_", "expert_proba_", "classes_", "coef_", "intercept_", "lower_bound_", "objective_", "n_iter_")
-FITTED += ("converged_", "ids_", "weights_", "log_likelihood_", "observation_names_")
+FITTED = ("expert_proba_", "classes_", "lower_bound_", "objective_", "n_iter_")
+FITTED += ("converged_", "ids_", "weights_", "log_likelihood_")
 
 
 @cache

@@ -24,7 +24,7 @@ def test_audit_writes_verdicts_and_the_list_to_keep(folder):
     who = "".join(f"{m},{'abcd'[m // 3]}\n" for m in range(11))
     Path("who.csv").write_text(f"id,demonstrator\n{who}")
     files = ["--verdicts", "v.csv", "--keep", "k.json", "--weights", "w.csv", "--report", "r.html"]
-    words = ["audit", folder / "good.parquet", "--format", "json", "--demonstrators", "who.csv", *files]
+    words = ["audit", folder / "good.parquet", "--format", "json", "--operator", "who.csv", *files]
     assert call(*words, "--fail-on", "outlier:5").exit_code == 1, "after all output"
     result = ok(*words, "--fail-on", "outlier:6")
     *lines, warning = result.stderr.splitlines()

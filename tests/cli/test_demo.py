@@ -29,7 +29,7 @@ def test_bundle_is_small_and_has_its_licence() -> None:
 
 def test_the_ranking_agrees_with_the_truth_and_the_readme_quotes_it(tmp_path: Path) -> None:
     stages: list[str] = []
-    sentence = demo.run(tmp_path / "demo.html", 0, stages.append)
+    sentence = demo.run(tmp_path / "demo.html", stages.append)
     assert stages
     auroc, spearman = map(float, re.findall(r"(?:AUROC|Spearman) (\d\.\d+)", sentence))
     assert auroc > 0.8

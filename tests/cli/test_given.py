@@ -49,7 +49,7 @@ def given(monkeypatch):
     return tasks
 
 
-@pytest.mark.parametrize("command", [["audit"], ["fit", "-o", "policy", "--features", "raw"]])
+@pytest.mark.parametrize("command", [["audit"], ["fit", "-o", "policy"]])
 def test_a_fit_is_given_the_outcome_that_is_named_and_no_other(data, given, command):
     ok(command[0], data, *command[1:], "--observations", "x,v")
     ok(command[0], data, *command[1:], "--observations", "x,v", "--outcome", "-next.success")

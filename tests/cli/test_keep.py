@@ -37,7 +37,7 @@ def test_convert_writes_operator_and_task_of_each_demonstration():
     rows = [f"{m},{k},{k / 7},{m % 2},{'AB'[m % 2]},lift it" for m in range(4) for k in range(5)]
     Path("in.csv").write_text("\n".join(["run,t,x,turn,operator,task", *rows]) + "\n")
     ok("convert", "in.csv", "-o", "out.parquet", "--action", "turn", "--exclude", "t")
-    assert dict(formats.read_demonstrators("operator", "out.parquet")) == {"0": "A", "1": "B", "2": "A", "3": "B"}
+    assert dict(rpil.open("out.parquet", operator="operator").operators) == {"0": "A", "1": "B", "2": "A", "3": "B"}
     assert formats.read_recording("out.parquet").tasks == dict.fromkeys("0123", "lift it")
     refused("named twice|would join", "convert", "in.csv", "-o", "in.csv")
 

@@ -22,7 +22,7 @@ sys.exit(str({"numpy", "scipy", "sklearn", "rich", "pyarrow", "matplotlib", "jin
 
 def test_an_unknown_option_names_those_that_are_near():
     """In the words of click, which differ by its version."""
-    refused("No such option.*--sed.*--id.*--seed.*; see rpil audit --help", "audit", "d.parquet", "--sed", "1")
+    refused("No such option.*--tasc.*--task.*; see rpil audit --help", "audit", "d.parquet", "--tasc", "1")
 
 
 def test_version_and_help_which_imports_no_slow_module():
@@ -34,16 +34,16 @@ def test_version_and_help_which_imports_no_slow_module():
     assert subprocess.run([sys.executable, "-c", HELP], capture_output=True, text=True).stderr == "set()\n"
 
 
-def fake_demo(path, seed, progress):
+def fake_demo(path, progress):
     """Stands for the real one, which takes a minute and has tests of its own."""
     progress("working")
     Path(path).write_text("report")
-    return f"It works with {seed}."
+    return "It works."
 
 
 def test_demo(monkeypatch):
     monkeypatch.setitem(sys.modules, "rpil.cli.demo", types.SimpleNamespace(run=fake_demo))
-    assert ok("demo", "--seed", 2).stdout.splitlines() == ["It works with 2.", "Report: rpil-demo.html"]
+    assert ok("demo").stdout.splitlines() == ["It works.", "Report: rpil-demo.html"]
     assert Path("rpil-demo.html").read_text() == "report"
     refused("no folder nowhere", "demo", "--output", "nowhere/r.html")
 

@@ -11,10 +11,9 @@ from urllib.parse import unquote, urlsplit
 import pyarrow.parquet as pq
 import pytest
 
-from asked import BAD, N_STEPS, write
+from asked import BAD, N_STEPS, read_answers, write
 from command_line import ok, refused
 from rpil.cli.questions.server import Gate
-from rpil.data.id_values import read_answers
 from served import need_server, reviewing
 
 need_server()

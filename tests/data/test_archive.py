@@ -109,7 +109,7 @@ def set_in(tree, path, value):
     [
         (("fitted", "policy_"), ...), (("fitted", "more_"), 1), (("fitted", "policy_", "class"), "os.system"),
         (("fitted", "policy_", "fields", "ridge"), ...), (("fitted", "features_", "fields", "kind"), "nystroem"),
-        (("classes",), {"array": ["classes"]}), (("names", "predict"), ["x", "y"]), (("classes",), None),
+        (("classes",), {"array": ["classes"]}), (("names",), ["x", "y", "z"]), (("names",), "xy"), (("classes",), None),
     ],
 )  # fmt: skip
 def test_load_refuses_inconsistent_headers(saved, path, value):

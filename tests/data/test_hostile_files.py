@@ -117,7 +117,7 @@ FILES = {
     "lists-of-ids-on-disk.parquet": (parquet(episode_index=[[0, 1], [0, 1], [1, 2]]), OPEN),
     "digits-as-key.json": (
         lambda path: path.write_text(json.dumps({"9" * 5000: 3})),
-        "rpil.data.id_values:read_answers",
+        "rpil.data.id_values:read_answer_rows",
     ),
 }
 BOTH = ("long-id", "trailing-nul", "empty-id", "large-id")
@@ -294,7 +294,7 @@ SIZES = {
     "long-list-hidden.parquet": (lambda path: write_long_list(path, 10**7, says=2), READ),
     "letters.parquet": (lambda path: write_letters(path, 12 * 10**7), READ),
     "zeros-hidden.parquet": (lambda path: write_zeros(path, 15 * 10**6, says=2), READ),
-    "lists.json": (labels, "rpil.data.id_values:read_answers"),
+    "lists.json": (labels, "rpil.data.id_values:read_answer_rows"),
 }
 
 

@@ -5,6 +5,7 @@ import csv
 import numpy as np
 import pytest
 
+from asked import read_answers
 from problems import refused, refused_file
 from rpil import formats
 from rpil.data.errors import DataError
@@ -16,7 +17,6 @@ from rpil.data.id_values import (
     parse_answers,
     parse_marks,
     read_answer_rows,
-    read_answers,
     write_answers,
 )
 
@@ -108,17 +108,21 @@ def test_pairs_are_numbers_of_demonstrations():
             match_pairs(better(pairs).items(), ["a", 7])
 
 
+def demonstrators_of(where, path):
+    return formats.read_demonstrators(where, formats.open(path, operator=where))
+
+
 def test_reading_demonstrators(tmp_path):
     (tmp_path / "who.csv").write_text("id,demonstrator\n0,Ann\n1, Bob\n")
     steps = {"episode_ids": np.repeat([5, 2], 3), "observations": np.ones((6, 1)), "actions": np.zeros(6)}
     np.savez(tmp_path / "each.npz", **steps, who=np.array(["x", "y"]), n=np.zeros((2, 2)))
     (tmp_path / "data.csv").write_text("episode_index,who,action,x\n0,Ann,1,1\n0,Ann,0,1\n1,Bob,0,1\n")
     (tmp_path / "two.csv").write_text("episode_index,who,action,x\n0,Ann,1,1\n0,Bob,0,1\n1,,0,1\n")
-    assert formats.read_demonstrators(str(tmp_path / "who.csv"), tmp_path / "data.csv") == {"0": "Ann", "1": "Bob"}
-    assert formats.read_demonstrators("who", tmp_path / "data.csv") == {"0": "Ann", "1": "Bob"}
-    assert formats.read_demonstrators("who", tmp_path / "each.npz") == {"5": "x", "2": "y"}
+    assert demonstrators_of(str(tmp_path / "who.csv"), tmp_path / "data.csv") == {"0": "Ann", "1": "Bob"}
+    assert demonstrators_of("who", tmp_path / "data.csv") == {"0": "Ann", "1": "Bob"}
+    assert demonstrators_of("who", tmp_path / "each.npz") == {"5": "x", "2": "y"}
     formats.write(tmp_path / "data.parquet", formats.read(_npz(tmp_path)), {"demonstrator_ids": np.array([3.0, 4.0])})
-    assert formats.read_demonstrators("demonstrator_ids", tmp_path / "data.parquet") == {"0": "3", "1": "4"}
+    assert demonstrators_of("demonstrator_ids", tmp_path / "data.parquet") == {"0": "3", "1": "4"}
     for where, file, match in (
         ("who", "two.csv", "'0': both 'Ann' and 'Bob' gave it"),
         ("nothing", "data.csv", "no column is called 'nothing'"),
@@ -127,7 +131,7 @@ def test_reading_demonstrators(tmp_path):
         (str(tmp_path / "data.csv"), "data.csv", "columns must be id and demonstrator"),
     ):
         with pytest.raises(DataError, match=match):
-            formats.read_demonstrators(where, tmp_path / file)
+            demonstrators_of(where, tmp_path / file)
 
 
 @pytest.mark.parametrize(
@@ -144,7 +148,7 @@ def test_reading_demonstrators(tmp_path):
 def test_bad_files_are_one_sentence(tmp_path, name, content, match):
     (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
     with refused(f"{name}.*{match}"):
-        formats.read_demonstrators(str(tmp_path / name), _npz(tmp_path))
+        demonstrators_of(str(tmp_path / name), _npz(tmp_path))
 
 
 def _npz(folder):

@@ -55,7 +55,7 @@ def test_verdicts_from_a_sample_are_those_from_all_demonstrations(maker, kind, n
         warnings.simplefilter("ignore")
         model, other = both(data)
     assert_alike(model, other, most_open)
-    assert roc_auc_score(toy.is_good, model.log_odds_) > 0.99
+    assert roc_auc_score(toy.is_good, model.audit_.log_odds) > 0.99
     assert len(model.audit_.reasons) == len(data)
     assert model.audit_.deviations == ()  # actions are compared in memory only
     if maker is make:
@@ -67,12 +67,12 @@ def test_verdicts_from_a_sample_are_those_from_all_demonstrations(maker, kind, n
 def test_labels_outside_the_sample_are_used():
     _, data = demonstrations()
     labels = {"d0": "good", "d3": "bad", "d100": "bad"}  # the second is wrong
-    model, other = both(data, labels=labels)
+    model, other = both(data, {"labels": labels})
     assert model.audit_.finding == other.audit_.finding == "answered"
     assert_alike(model, other, 0.2, 0.95)
     assert np.flatnonzero(model.audit_.answers.labels).tolist() == [0, 3, 100]
-    own = dict(zip(model.audit_.ids, model.log_odds_, strict=True))
-    without = dict(zip(model.audit_.ids, both(data)[0].log_odds_, strict=True))
+    own = dict(zip(model.audit_.ids, model.audit_.log_odds, strict=True))
+    without = dict(zip(model.audit_.ids, both(data)[0].audit_.log_odds, strict=True))
     assert without["d3"] > 0 > own["d3"]
     weight = model.audit_.step_weight
     assert weight[data.offsets[3] : data.offsets[4]].max() < 0.5  # the policy is hardly taught by it
@@ -89,7 +89,7 @@ def test_engines_judge_copies_in_the_sample_once(monkeypatch):
     here, shared = (small_rpil(engine=engine).fit(more) for engine in (None, LocalEngine(n_shards=3)))
     np.testing.assert_array_equal(seen[0], seen[1])
     assert sum(m == 0 or m >= len(data) for m in seen[0].tolist()) == 1
-    np.testing.assert_allclose(here.log_odds_, shared.log_odds_, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(here.audit_.log_odds, shared.audit_.log_odds, rtol=1e-6, atol=1e-6)
 
 
 def test_final_policy_learns_states_outside_the_sample():

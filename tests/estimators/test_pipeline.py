@@ -22,7 +22,7 @@ def test_a_learner_trusts_the_larger_part_by_linear_policies_and_says_so(policy)
     np.testing.assert_array_equal(model.audit_.part, np.where(toy.is_good, 1, -1))
     np.testing.assert_array_equal(model.audit_.step_weight, toy.is_good[toy.groups])
     assert "The policy trusts 10 of 15 that agree; two labels can change this." in model.audit_.notes
-    turned = RPIL(policy=policy, labels={"d0": "bad", "d14": "good"}).fit(toy.demonstrations)
+    turned = RPIL(policy=policy).fit(toy.demonstrations, labels={"d0": "bad", "d14": "good"})
     np.testing.assert_array_equal(turned.audit_.step_weight, ~toy.is_good[toy.groups])
     assert not any("trusts" in note for note in turned.audit_.notes)
     assert (model.predict(toy.observations) == turned.predict(toy.observations)).mean() < 0.6

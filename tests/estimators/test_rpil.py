@@ -65,10 +65,9 @@ def predicted(model: Any, toy: Toy) -> np.ndarray:
 def test_adversaries_are_found_and_the_experts_policy_is_learned():
     toy = make("noisy", 1, n_actions=4, n_good=10, n_bad=10, steps=STEPS)
     model = RPIL().fit(toy.demonstrations)
-    assert roc_auc_score(toy.is_good, model.log_odds_) == 1.0
+    assert roc_auc_score(toy.is_good, model.audit_.log_odds) == 1.0
     assert toy.is_judged_right(model.audit_)
     assert model.audit_.identifiable
-    np.testing.assert_array_equal(model.log_odds_, model.audit_.log_odds)
     np.testing.assert_array_equal(model.expert_proba_, model.audit_.expert_proba)
     assert model.audit_.ids == toy.ids
     proba = predicted(model, toy)
@@ -85,10 +84,10 @@ def test_same_seed_gives_same_bits_for_arrays_and_demonstrations(toy, estimator)
     models = [clone(estimator).fit(toy.demonstrations) for _ in range(2)]
     models.append(clone(estimator).fit(toy.observations, toy.actions, **groups))
     for other in models[1:]:
-        np.testing.assert_array_equal(other.coef_, models[0].coef_)
+        np.testing.assert_array_equal(other.policy_.weights, models[0].policy_.weights)
         np.testing.assert_array_equal(other.predict(toy.observations), models[0].predict(toy.observations))
         if isinstance(estimator, RPIL):
-            np.testing.assert_array_equal(other.log_odds_, models[0].log_odds_)
+            np.testing.assert_array_equal(other.audit_.log_odds, models[0].audit_.log_odds)
             assert other.lower_bound_ == models[0].lower_bound_
         if isinstance(estimator, RMEnt):
             np.testing.assert_array_equal(other.log_likelihood_, models[0].log_likelihood_)

@@ -12,23 +12,6 @@ from rpil.estimators.rpil import RPIL
 from rpil.estimators.task import answers_of
 
 
-@pytest.mark.parametrize(
-    ("box", "words"),
-    [
-        ((-1.0, 1.0), r"demonstration 'd\d+': action [01] is -?[\d.]+, outside the declared box from -1 to 1; widen"),
-        (([-99.0, -0.1], [99.0, 0.1]), "action 1 is .*, outside the declared box from -0.1 to 0.1; widen action_box"),
-        ((1.0, -1.0), "is empty or unbounded; give finite low < high"),
-        ((np.nan, 1.0), "is empty or unbounded"),
-        (([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), r"give \(low, high\), numbers or one for each part"),
-        (("a", "b"), r"give \(low, high\)"),
-    ],
-)
-def test_action_box_that_does_not_fit_is_refused_in_one_sentence(box, words):
-    toy = make_continuous("random", 0)
-    with refused(words):
-        RPIL(action_box=box).fit(toy.demonstrations)
-
-
 @pytest.mark.parametrize("estimator", [RPIL(), BehavioralCloning(), RMEnt()], ids=lambda e: type(e).__name__)
 def test_invalid_continuous_actions_are_refused_in_one_sentence(estimator):
     toy = make_continuous("random", 0)
@@ -60,22 +43,27 @@ ONE_ACTION = Demonstrations(TOY.observations, np.zeros_like(TOY.actions), TOY.of
     ("model", "data", "words"),
     [
         (RPIL(features="fourier"), TOY.demonstrations, "no features called 'fourier'; choose .*raw, folded, nystroem"),
-        (RPIL(action_box=(0, 1)), TOY.demonstrations, "actions are discrete, which no action_box fits; leave it out"),
         (BehavioralCloning(C=0.0), TOY.demonstrations, "C=0.0 must be a positive number"),
         (BehavioralCloning(), ONE_ACTION, "every action is 0, one class only"),
         (RPIL(), TOY.demonstrations.select([0]), "1 sample. cannot be compared; give at least two"),
-        (RPIL(labels={"d99": "good"}), TOY.demonstrations, "d99"),
-        (RPIL(labels={"d0": "great"}), TOY.demonstrations, "'d0': unknown label 'great'"),
-        (
-            RPIL(adversary="uniform", labels=dict.fromkeys(TOY.ids, "bad")),
-            TOY.demonstrations,
-            "all demonstrations are labelled bad",
-        ),
     ],
 )
 def test_errors_are_one_sentence(model, data, words):
     with refused(words):
         model.fit(data)
+
+
+@pytest.mark.parametrize(
+    ("labels", "words"),
+    [
+        ({"d99": "good"}, "d99"),
+        ({"d0": "great"}, "'d0': unknown label 'great'"),
+        (dict.fromkeys(TOY.ids, "bad"), "all demonstrations are labelled bad"),
+    ],
+)
+def test_errors_of_labels_are_one_sentence(labels, words):
+    with refused(words):
+        RPIL(adversary="uniform").fit(TOY.demonstrations, labels=labels)
 
 
 def test_outcomes_are_files_with_their_names_or_numbers(tmp_path):

@@ -38,7 +38,7 @@ def test_what_lies_beside_the_arrays_says_task_and_outcome(folder):
     recording = rpil.open(folder, outcome="success")
     assert recording.tasks == {"0": "lift", "1": "lift", "2": "lift"}
     assert recording.facts.outcomes[0].tolist() == [1.0, 1.0, 0.0]
-    said = recording.describe()
+    said = recording.description
     assert said.observations == ("state.0", "state.1")
     assert said.format == "NPZ, a file for each demonstration"
     assert {*said.ignored} == {"obs_rgb", "success"}  # and not the seed beside them

@@ -112,7 +112,7 @@ def test_demonstrations_are_those_that_the_arrays_say(written, note, arrays, tmp
         assert found.lengths.tolist() == list(LENGTHS)
         np.testing.assert_array_equal(found.observations, STATES)
         np.testing.assert_array_equal(found.actions, MOVES)
-        assert note in recording.describe().notes[0]
+        assert note in recording.description.notes[0]
     output = tmp_path / f"kept{path.suffix}"
     if layout := find(path).unkept():
         assert layout == "arrays of this layout"
@@ -129,13 +129,13 @@ def test_what_is_said_of_stacked_demonstrations_as_a_whole_is_known(written):
     recording = rpil.open(written(ROWS | {"lengths": np.array(LENGTHS)} | about), outcome="success")
     assert recording.demonstrations.ids == (7, 5, 6)
     assert recording.facts.outcomes[0].tolist() == [1, 0, 1]
-    assert {"camera", "lengths", "success"} <= recording.describe().ignored.keys()
+    assert {"camera", "lengths", "success"} <= recording.description.ignored.keys()
 
 
 def test_stacked_demonstrations_without_lengths_have_as_many_steps_each(written):
     recording = rpil.open(written(ROWS))
     assert recording.demonstrations.lengths.tolist() == [T] * M
-    assert f"Each first index of the arrays is one demonstration of {T} steps." in recording.describe().notes
+    assert f"Each first index of the arrays is one demonstration of {T} steps." in recording.description.notes
 
 
 @pytest.mark.parametrize(
@@ -194,5 +194,5 @@ def test_values_of_demonstrations_are_read_where_they_are_named(written):
     path = written(STEPS | {"episode_ids": 2 - OWNERS} | about)
     recording = rpil.open(path, operator="who")
     assert recording.operators == [("2", "c"), ("1", "a"), ("0", "b")]
-    assert recording.describe().ignored["length"] == "not one value for each step"
+    assert recording.description.ignored["length"] == "not one value for each step"
     assert rpil.open(path).operators == []

@@ -40,7 +40,7 @@ def test_ids_and_ranges(read, options, expected):
     opened = read(table(), **options)
     assert list(opened.demonstrations.ids) == expected
     assert opened.ids == tuple(range(N))
-    assert opened.describe().demonstrations == len(expected)
+    assert opened.description.demonstrations == len(expected)
 
 
 def test_a_range_takes_the_ids_between_its_ends_and_an_id_may_look_like_one_or_like_a_list(read):
@@ -93,7 +93,7 @@ def test_demonstrations_with_missing_values_are_set_aside(read, kind):
     found = opened.demonstrations.select(slice(None))
     assert found.ids == (0, 2, 3, 5)
     assert np.isfinite(found.observations).all()
-    assert opened.describe().notes == ("Set aside: 1, 4, because a value is missing or infinite.",)
+    assert opened.description.notes == ("Set aside: 1, 4, because a value is missing or infinite.",)
     with pytest.raises(DataError):
         read(holed(kind)).demonstrations.select(slice(None))
 
@@ -102,7 +102,7 @@ def test_only_those_that_are_read_are_set_aside(read):
     opened = read(holed("nan"), skip_bad=True, only="0-3")
     assert (opened.demonstrations.ids, opened.set_aside) == ((0, 2, 3), (1,))
     asked = "4 of 6 demonstrations are read, as asked."
-    assert opened.describe().notes == (asked, "Set aside: 1, because a value is missing or infinite.")
+    assert opened.description.notes == (asked, "Set aside: 1, because a value is missing or infinite.")
     assert read(holed("nan"), skip_bad=True, without=[1, 4]).set_aside == ()
     with pytest.raises(DataError, match="in every demonstration a value is missing"):
         read(holed("nan"), skip_bad=True, only="1,4")
@@ -120,9 +120,9 @@ def test_what_is_read_into_memory_alone_warns_of_those_set_aside(tmp_path):
 def test_what_follows_from_the_steps_follows_those_that_are_read(read):
     """Actions of few values are discrete; the ranges and the tasks are those of what is read."""
     rows = table(action=np.repeat([0, 1, 0, 1, 500, 0], T), task=np.repeat(list("aabbcc"), T))
-    described = read(rows, without="4").describe()
+    described = read(rows, without="4").description
     assert (described.action_kind, described.tasks) == ("discrete", ("a", "b", "c"))
-    assert read(rows, only="0,1").describe().tasks == ("a",)
+    assert read(rows, only="0,1").description.tasks == ("a",)
     x = rows["observation.x"].to_numpy()[:T]
-    assert read(rows, only="0").describe().ranges["x"] == (x.min(), x.max())
+    assert read(rows, only="0").description.ranges["x"] == (x.min(), x.max())
     assert read(rows, only="0,1", outcome="length").facts.outcomes[0].tolist() == [T, T]

@@ -94,19 +94,19 @@ def test_what_is_kept_is_read_as_it_was(name, path):
     before.keep([ids[2], str(ids[0])], output)  # in any order, and as text
     assert {**everything(), **contents} == everything()  # the data are as they were
     after = rpil.open(output, on_disk=False)
-    assert re.sub(r"\d+ files", "", after.describe().format) == re.sub(r"\d+ files", "", before.describe().format)
-    assert {*after.describe().ignored} == {*before.describe().ignored}
+    assert re.sub(r"\d+ files", "", after.description.format) == re.sub(r"\d+ files", "", before.description.format)
+    assert {*after.description.ignored} == {*before.description.ignored}
     expected, found = before.demonstrations.select([0, 2]), after.demonstrations
     np.testing.assert_array_equal(found.observations, expected.observations)
     np.testing.assert_array_equal(found.actions, expected.actions)
     np.testing.assert_array_equal(found.offsets, expected.offsets)
     assert [*map(str, found.ids)] == [str(m).replace("2", "1") if name == "LeRobot" else str(m) for m in expected.ids]
     for what in ("observations", "actions", "action_kind", "task_column", "operator_column", "order"):
-        assert getattr(after.describe(), what) == getattr(before.describe(), what), what
+        assert getattr(after.description, what) == getattr(before.description, what), what
     said, still = ([said.tasks.get(str(m), "") for m in of.ids] for said, of in ((before, expected), (after, found)))
     assert said == still == [{"LeRobot": "lift", "robomimic": "Lift", "folder of NPZ": "lift"}.get(name, "")] * 2
     assert [who for _, who in after.operators] == [who for m, who in before.operators if m in map(str, expected.ids)]
-    assert (before.describe().fps, after.describe().fps) == pytest.approx([RATES.get(name)] * 2)
+    assert (before.description.fps, after.description.fps) == pytest.approx([RATES.get(name)] * 2)
     if before.times().timestamps is not None:
         times = np.split(before.times().timestamps, np.cumsum(before.demonstrations.lengths)[:-1])
         np.testing.assert_allclose(after.times().timestamps, np.concatenate([times[0], times[2]]))
@@ -217,7 +217,7 @@ def holed(name, tmp_path, monkeypatch) -> Path:
 
 def test_a_missing_value_is_named_with_its_demonstration(name, holed):
     opened = rpil.open(holed, on_disk=False)
-    assert opened.describe().missing
+    assert opened.description.missing
     with pytest.raises(DataError, match="demonstration ") as caught:
         opened.demonstrations  # noqa: B018
     assert is_sentence(caught.value)
@@ -233,8 +233,8 @@ def test_a_demonstration_with_missing_values_is_set_aside(name, holed, on_disk):
     found = opened.demonstrations.select(slice(None))
     assert found.ids == tuple(m for m in opened.ids if m != bad)
     assert np.isfinite(found.observations).all()
-    assert not opened.describe().missing
-    assert opened.describe().notes[-1].startswith(f"Set aside: {bad}, because")
+    assert not opened.description.missing
+    assert opened.description.notes[-1].startswith(f"Set aside: {bad}, because")
     assert not [finding for finding in rpil.check(opened).findings if finding.rule == "missing values"]
 
 
@@ -244,8 +244,8 @@ def test_chosen_demonstrations_are_as_in_the_whole(path, on_disk):
     ids = whole.demonstrations.ids
     chosen = rpil.open(path, on_disk=on_disk, only=[ids[2], str(ids[0])])
     without = rpil.open(path, on_disk=on_disk, without=str(ids[1]))
-    assert chosen.describe() == without.describe()
-    assert {*chosen.describe().ignored} == {*whole.describe().ignored}
+    assert chosen.description == without.description
+    assert {*chosen.description.ignored} == {*whole.description.ignored}
     expected, found = whole.demonstrations.select([0, 2]), chosen.demonstrations.select(slice(None))
     assert_same(found, expected)
     assert chosen.ids == ids

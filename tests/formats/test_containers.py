@@ -88,4 +88,4 @@ def test_circles_of_links_are_gone_through_once(tmp_path):
     recording = rpil.open(path)
     assert recording.ids == ("demo_0", "demo_1")
     assert recording.demonstrations.n_observations == 3
-    assert "Left out, because they are links, or hold no actions: demo_2." in recording.describe().notes
+    assert "Left out, because they are links, or hold no actions: demo_2." in recording.description.notes

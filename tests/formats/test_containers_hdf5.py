@@ -110,13 +110,13 @@ def test_what_nobody_saw_is_no_observation(tmp_path):
         for demo in file["data"].values():
             for name in unseen:
                 demo[f"obs/{name}"] = np.random.default_rng(1).normal(size=(len(demo["actions"]), 4))
-    said = formats.read_recording(path).describe()
+    said = formats.read_recording(path).description
     assert said.observations == ("gripper", "robot/eef_pos.0", "robot/eef_pos.1", "robot/eef_pos.2")
     reasons = ("the last action", "commands and labels of the program that made the data", "labels of subtasks")
     for name, reason in zip(unseen, reasons, strict=True):
         assert said.ignored[f"obs/{name}"] == reason
     named = formats.read_recording(path, ColumnOptions(observations="obs/actions, obs/datagen_info/*"))
-    assert len(named.describe().observations) == 12
+    assert len(named.description.observations) == 12
 
 
 def test_the_time_of_the_simulator_is_no_observation(tmp_path):
@@ -125,8 +125,8 @@ def test_the_time_of_the_simulator_is_no_observation(tmp_path):
         for demo in file["data"].values():
             demo["states"][:, 0] = 0.3 + 0.05 * np.arange(len(demo["actions"]))
     recording = formats.read_recording(path)
-    assert recording.describe().observations == tuple(f"states.{k}" for k in range(1, 32))
-    assert recording.describe().ignored["states.0"] == "time or number of the step"
+    assert recording.description.observations == tuple(f"states.{k}" for k in range(1, 32))
+    assert recording.description.ignored["states.0"] == "time or number of the step"
     with h5py.File(path) as file:
         found = recording.demonstrations.select(slice(0, 1)).observations
         np.testing.assert_array_equal(found, file["data/demo_0/states"][:, 1:])

@@ -84,7 +84,7 @@ def recorded(path, on_disk, **options):
     steps = found.demonstrations.select(slice(None))
     names = *steps.observation_names, *steps.action_names
     values = np.concatenate([steps.observations, steps.actions], axis=1)
-    assert (*found.describe().observations, *found.describe().actions) == names
+    assert (*found.description.observations, *found.description.actions) == names
     return found, dict(zip(names, values.T, strict=True))
 
 
@@ -110,10 +110,10 @@ def test_every_name_that_is_printed_can_be_named(tmp_path, options, read, on_dis
     whole = dict(zip(EVERY, NUMBERS.T, strict=False))
     for name, numbers in values.items():
         np.testing.assert_array_equal(numbers, whole[name])
-        assert found.describe().ranges[name] == (numbers.min(), numbers.max())
-    assert {*found.describe().ranges} == {*read}
+        assert found.description.ranges[name] == (numbers.min(), numbers.max())
+    assert {*found.description.ranges} == {*read}
     left_out = {name for name in EVERY if name not in read and "." in name}
-    ignored = {name.removeprefix("observation.") for name in found.describe().ignored}
+    ignored = {name.removeprefix("observation.") for name in found.description.ignored}
     assert all(name in ignored or name.split(".")[0] in ignored for name in left_out)
 
 
@@ -122,7 +122,7 @@ def test_what_is_missing_in_numbers_that_are_not_read_is_no_fault():
     rows = pa.table({"episode": np.repeat(range(4), 10), "obs": lists, "action": NUMBERS[:, 0]})
     assert rpil.open(rows, skip_bad=True).set_aside == (0,)
     found = rpil.open(rows, skip_bad=True, exclude="obs.0")
-    assert (found.set_aside, found.describe().missing) == ((), {})
+    assert (found.set_aside, found.description.missing) == ((), {})
     np.testing.assert_array_equal(found.demonstrations.observations.ravel(), range(40))
 
 

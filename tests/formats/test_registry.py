@@ -49,7 +49,7 @@ def test_another_package_adds_a_format(tmp_path, monkeypatch):
     assert_same_on_disk(tmp_path / "a.walk")
     recording = rpil.open(tmp_path / "a.walk", only="1-2")
     assert recording.demonstrations.observations[:, 0].tolist() == [5, 6, 7, 8, 9, 0, 1, 2]
-    assert recording.describe().format == ".walk"
+    assert recording.description.format == ".walk"
     assert isinstance(rpil.open(tmp_path / "a.walk", memory="100").demonstrations, rpil.Dataset)
     recording.keep(["2"], tmp_path / "ids.txt")
     assert (tmp_path / "ids.txt").read_text() == "2\n"

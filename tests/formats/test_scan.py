@@ -19,7 +19,7 @@ def described(monkeypatch, batch=100, names=("moves", "last", "still"), last=Non
     values = {"moves": action + 1, "last": before, "still": np.zeros((40, 2))}
     columns = {"episode": np.repeat([0, 1], 20), "action": action.tolist()}
     table = pa.table(columns | {f"obs.{name}": values[name].tolist() for name in names})
-    return rpil.open(table, **options).describe()
+    return rpil.open(table, **options).description
 
 
 @pytest.mark.parametrize("batch", [7, 100])
@@ -71,7 +71,7 @@ def opened(parts, **options):
 def test_several_columns_of_numbers_are_continuous(parts, options, reason, monkeypatch):
     monkeypatch.setattr("rpil.formats.steps.BATCH_ROWS", 7)
     recording = opened(parts, **options)
-    said, found = recording.describe(), recording.demonstrations
+    said, found = recording.description, recording.demonstrations
     assert (said.action_kind, found.is_discrete) == ("continuous", False)
     assert said.action_reason.startswith(reason)
     for name, values in zip(found.action_names, found.actions.T, strict=True):
@@ -100,7 +100,7 @@ def test_of_an_action_with_classes_among_its_parts_one_must_be_named(parts, opti
     assert said in str(caught.value)
     assert str(caught.value).endswith("; name the part to judge with action=.")
     assert caught.value.in_shell.endswith("; name the part to judge with --action.")
-    described = recording.describe()
+    described = recording.description
     assert (described.action_kind, said.split(";")[0] in described.action_reason) == ("refused", True)
 
 

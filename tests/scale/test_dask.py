@@ -53,7 +53,7 @@ def demonstrations():
 def assert_same(one, other):
     for name in ("log_odds", "expert_proba", "step_weight", "step_log_ratio", "reliability"):
         np.testing.assert_allclose(getattr(one.audit_, name), getattr(other.audit_, name), rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(one.coef_, other.coef_, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(one.policy_.weights, other.policy_.weights, rtol=1e-6, atol=1e-6)
     assert one.audit_.verdicts == other.audit_.verdicts
 
 
@@ -74,7 +74,7 @@ class KillOnce:
 def test_killed_worker_changes_no_result(cluster, tmp_path, monkeypatch):
     data = demonstrations()
     labels = {0: "good", 100: "bad"}
-    here = small_rpil(labels=labels).fit(data)
+    here = small_rpil().fit(data, labels=labels)
     formats.write(tmp_path / "a.parquet", data)
     data = rpil.open(tmp_path / "a.parquet", on_disk=True).demonstrations
     cluster.wait_for_workers(2, timeout=30)
@@ -85,7 +85,7 @@ def test_killed_worker_changes_no_result(cluster, tmp_path, monkeypatch):
         return total(self, KillOnce(function, tmp_path / "killed") if len(passes) == 2 else function)
 
     monkeypatch.setattr(engine.RemoteBlocks, "total", total_with_a_kill)
-    there = small_rpil(engine=DaskEngine(cluster, n_shards=4), labels=labels).fit(data)
+    there = small_rpil(engine=DaskEngine(cluster, n_shards=4)).fit(data, labels=labels)
     assert (tmp_path / "killed").exists()
     assert_same(here, there)
 

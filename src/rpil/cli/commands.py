@@ -41,10 +41,8 @@ _OF_STREAMS = errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF  #
 class Commands(click.Group):
     """Commands that end an error of the user with a sentence on stderr and code 2, an interruption with code 130."""
 
-    def main(self, *args: Any, standalone_mode: bool = True, **more: Any) -> Any:
+    def main(self, *args: Any, standalone_mode: bool = True, **more: Any) -> NoReturn:
         run: Any = super().main
-        if not standalone_mode:
-            return run(*args, standalone_mode=False, **more)
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):  # the terminal may have no code for a character of an id
                 stream.reconfigure(errors="backslashreplace")
@@ -162,11 +160,11 @@ def judge(file: str, given: RunOptions, progress: StageProgress) -> AuditRun:
     from rpil.estimators.within_tasks import JUDGE_FEATURES, Statements, audit_recording
 
     stated, ctx = Statements.of(recording, given.labels, None, reference=beside), click.get_current_context()
-    features = JUDGE_FEATURES if given.features == "auto" else given.features  # no policy is kept
     command = shlex.join(command_words(ctx, str(ctx.info_name), without=("quiet",)))
-    chosen = FitOptions(features, given.adversary, given.seed, ctx.obj or Settings(), progress)
+    chosen = FitOptions(JUDGE_FEATURES, given.adversary, 0, ctx.obj or Settings(), progress)
     audit = audit_recording(recording, stated, chosen, file, command, (given.labels, reference, *columns.files))
-    return AuditRun(audit, file, recording, {name: str(who) for name, who in stated.demonstrators.items()})
+    names = zip(map(str, audit.ids), stated.demonstrators, strict=False)
+    return AuditRun(audit, file, recording, {m: str(who) for m, who in names if who is not None})
 
 
 def look_for_faults(

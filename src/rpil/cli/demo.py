@@ -18,14 +18,14 @@ OVERCOOKED = "overcooked_cramped_room.npz"
 """File of the bundled data: observations and actions, and the truth, which is read for the comparison only."""
 
 
-def run(path: StrPath, seed: int, progress: Callable[[str], None]) -> str:
+def run(path: StrPath, progress: Callable[[str], None]) -> str:
     """Audit the bundled people, and write the report to `path`; a sentence on the ranking and the truth."""
     with as_file(files("rpil.cli") / "bundled" / OVERCOOKED) as bundled:
-        people = audit(formats.read(bundled), random_state=seed, progress=progress)
+        people = audit(formats.read(bundled), progress=progress)
         with np.load(bundled, allow_pickle=False) as arrays:
             is_good, quality = arrays["is_good"], arrays["episode_quality"]
     sides = people.log_odds[is_good == 1], people.log_odds[is_good == 0]
-    interval = bootstrap(sides, auroc, method="percentile", random_state=np.random.default_rng(seed))
+    interval = bootstrap(sides, auroc, method="percentile", random_state=np.random.default_rng(0))
     low, high = interval.confidence_interval
     sentence = (
         f"Overcooked, {len(people.ids)} real people: {people.finding}. Agreement of the ranking with a score that it "

@@ -7,6 +7,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
@@ -14,7 +15,6 @@ from urllib.parse import quote
 import numpy as np
 
 from rpil.cli.terminal import to_json, to_one_line
-from rpil.data.archive import rpil_version
 from rpil.data.text import counted, printable
 from rpil.faults.report import NUMBERS, OF_AUDIT, RULE_NAMES, RULES
 from rpil.inference.findings import FINDINGS
@@ -103,7 +103,7 @@ def sarif(found: Sequence[Numbered], source: str) -> dict[str, object]:
             "partialFingerprints": {"primaryLocationLineHash": hashlib.sha256(mark.encode()).hexdigest()},
         }
         results.append(result)
-    driver = {"name": "rpil", "version": rpil_version(), "informationUri": RULES_PAGE, "rules": [*rules.values()]}
+    driver = {"name": "rpil", "version": version("rpil"), "informationUri": RULES_PAGE, "rules": [*rules.values()]}
     schema = "https://json.schemastore.org/sarif-2.1.0.json"
     return {"$schema": schema, "version": "2.1.0", "runs": [{"tool": {"driver": driver}, "results": results}]}
 

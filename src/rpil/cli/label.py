@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import socket
 import sys
 import threading
 import webbrowser
@@ -34,9 +35,6 @@ if TYPE_CHECKING:
 
 MAX_QUESTIONS = 8
 """Questions that one run asks at most."""
-
-WITHOUT = "labels", "quiet", "memory", "browser"
-"""Options that an audit with the answers does not need, or does not have."""
 
 BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.parquet"}
 """Files of a review that is finished: beside labels.csv they are labels-keep.json and so on."""
@@ -76,7 +74,7 @@ def label(ctx: click.Context, /, file: str, **options: Value) -> None:
     """
     _, session = begin(file, options, MAX_QUESTIONS)
     ask(session)
-    terminal.print_lines(last_lines(session, command_words(ctx, "audit", WITHOUT)))
+    terminal.print_lines(last_lines(session, command_words(ctx, "audit")))
 
 
 def last_lines(session: Session, audit: Sequence[str]) -> Iterator[str]:
@@ -146,12 +144,13 @@ def review(ctx: click.Context, /, file: str, browser: bool, **options: Value) ->
     The page asks the questions of rpil label. It writes each answer at once to labels.csv, or the file of --labels,
     and a run goes on where the last one ended. No other computer can open the page. Ctrl-C ends it.
     """
-    from rpil.cli.questions.server import Gate, Review, application, listen, serve
+    from rpil.cli.questions.server import Gate, Review, application, serve
     from rpil.cli.questions.session import EpisodeVideos
 
     for name in ("starlette", "uvicorn"):
         optional(name, "To review on a page", "review")
-    with listen() as listening, TemporaryDirectory(prefix="rpil-") if browser else nullcontext() as folder:
+    local = socket.create_server(("127.0.0.1", 0))  # of this computer alone, at any free port
+    with local as listening, TemporaryDirectory(prefix="rpil-") if browser else nullcontext() as folder:
         quiet = options["quiet"]
         with terminal.print_warnings():  # now, not when the page is closed
             run, session = begin(file, options, None)
@@ -171,7 +170,7 @@ def review(ctx: click.Context, /, file: str, browser: bool, **options: Value) ->
             threading.Thread(target=webbrowser.open, args=[page.as_uri()], daemon=True).start()
         with suppress(KeyboardInterrupt):
             serve(application(shown, gate), listening)
-    terminal.print_lines(last_lines(session, command_words(ctx, "audit", WITHOUT)))
+    terminal.print_lines(last_lines(session, command_words(ctx, "audit")))
 
 
 def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given: Mapping[str, Parsed]) -> View:
@@ -206,5 +205,5 @@ def _finish(ctx: click.Context, run: commands.AuditRun, session: Session, given:
         commands.write_outputs({title: beside.get(title) for title in commands.OUTPUTS}, run, lambda _: None)
     suffix = ".json" if find(run.source).unkept(run.recording.options) else Path(run.source).suffix
     new = f"{Path(run.source).stem}-kept{suffix}"
-    command = [*command_words(ctx, "keep", WITHOUT), "--verdicts", beside["keep"], "-o", new]
+    command = [*command_words(ctx, "keep"), "--verdicts", beside["keep"], "-o", new]
     return {"files": beside, "lost": run.lost, "command": shlex.join(command)}

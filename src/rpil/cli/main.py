@@ -95,7 +95,7 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
         from rpil.estimators.persistence import save
         from rpil.estimators.rpil import RPIL
 
-        model = RPIL(run.features, adversary=run.adversary, random_state=run.seed, settings=ctx.obj, progress=progress)
+        model = RPIL("auto", adversary=run.adversary, settings=ctx.obj, progress=progress)
         model.fit(recording, labels=run.labels)
         save(model, output)
     commands.tell_of_set_aside(recording)
@@ -204,13 +204,12 @@ def convert(file: str, output: str, ranges: str | None, quiet: bool, **options: 
 @click.option(
     "-o", "--output", type=options.OutputFile(".html"), default="rpil-demo.html", show_default=True, help="The report."
 )
-@options.seed_option
 @options.quiet_option
-def demo(output: str, seed: int, quiet: bool) -> None:
+def demo(output: str, quiet: bool) -> None:
     """Audit real people who play a cooking game, and compare the ranking with their score."""
     check_outputs((), [output])
     with show_stages(quiet) as progress:
         from rpil.cli.demo import run
 
-        sentence = run(output, seed, progress)
+        sentence = run(output, progress)
     click.echo(f"{sentence}\nReport: {output}")

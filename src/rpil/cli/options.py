@@ -32,9 +32,7 @@ class RunOptions:
 
     columns: ColumnOptions
     labels: str | None
-    features: str
     adversary: str
-    seed: int
     quiet: bool
     reference: str | None = None
     without_faults: tuple[str, ...] = ()
@@ -48,8 +46,7 @@ class RunOptions:
         return cls(columns, **options)
 
 
-# The names once more: the modules that define them take too long to import for --help; a test compares them.
-FEATURE_CHOICE = click.Choice(("auto", "raw", "folded", "nystroem"))
+# The names once more: the module that defines them takes too long to import for --help; a test compares them.
 ADVERSARY_CHOICE = click.Choice(
     ("auto", "constant", "uniform", "marginal", "complement", "normalised-complement", "confusion", "own-policy")
 )
@@ -86,9 +83,6 @@ def _rule_names(ctx: click.Context, param: click.Parameter, texts: tuple[str, ..
     return tuple(rule_name(name.strip(), param.opts[0]) for text in texts for name in text.split(","))
 
 
-seed_option = click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of all random numbers."
-)
 quiet_option = click.option("--quiet", "-q", is_flag=True, help="Print results only: no progress, no hints.")
 format_option = click.option(
     "--format",
@@ -117,7 +111,6 @@ COLUMN_OPTIONS = (
     click.option("--order", metavar="COLUMN", help="The column that orders the steps of a demonstration."),
     click.option(
         "--operator",
-        "--demonstrators",
         metavar="COLUMN|FILE",
         help="Who gave each demonstration: a column of FILE, or a CSV file (id,demonstrator).",
     ),
@@ -152,20 +145,12 @@ FIT_OPTIONS = (
     ),
     outcome_option,
     click.option(
-        "--features",
-        type=FEATURE_CHOICE,
-        default="auto",
-        show_default=True,
-        help="Features of the observations for the policy.",
-    ),
-    click.option(
         "--adversary",
         type=ADVERSARY_CHOICE,
         default="auto",
         show_default=True,
         help="Model of the actions of bad demonstrators; auto needs none.",
     ),
-    seed_option,
     quiet_option,
 )
 LABEL_OPTIONS = (*FIT_OPTIONS, session_option)
@@ -220,7 +205,10 @@ def pop_columns(options: dict[str, Value]) -> ColumnOptions:
     return ColumnOptions(session=options.get("session"), **{name: options.pop(name) for name in names & options.keys()})
 
 
-def command_words(ctx: click.Context, name: str, without: Collection[str] = ("labels", "quiet", "memory")) -> list[str]:
+_NOT_AGAIN = "labels", "quiet", "memory", "browser"
+
+
+def command_words(ctx: click.Context, name: str, without: Collection[str] = _NOT_AGAIN) -> list[str]:
     """The command `name` with the arguments of `ctx`, `without` some options: the memory of now may be too little."""
     words = ["rpil", name]
     for param in ctx.command.params:

@@ -63,13 +63,9 @@ def stored(*, renews: tuple[str, ...] = (), **axes: str) -> Callable[[Class], Cl
     return register
 
 
-def rpil_version() -> str:
-    return version("rpil")
-
-
 def write_archive(path: StrPath, header: Mapping[str, object], arrays: Mapping[str, Array]) -> None:
     """Write a header and arrays to a file, which is whole or not there."""
-    header = {"schema": _SCHEMA, "version": VERSION, "rpil": rpil_version()} | dict(header)
+    header = {"schema": _SCHEMA, "version": VERSION, "rpil": version("rpil")} | dict(header)
     with replacing(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         with archive.open(_HEADER, "w") as member:
             member.write(json.dumps(header, indent=1).encode())
@@ -90,9 +86,6 @@ def encode(value: object, name: str, arrays: dict[str, Array]) -> Json:
         return {"array": name}
     if isinstance(value, tuple | list):
         return [encode(item, f"{name}/{k}", arrays) for k, item in enumerate(value)]
-    if isinstance(value, Mapping):
-        pairs = enumerate(value.items())
-        return {"pairs": [[encode(part, f"{name}/{k}", arrays) for part in pair] for k, pair in pairs]}
     kind = type(value)
     if kind not in (registered for registered, *_ in CLASSES.values()):
         raise TypeError(type(getattr(value, "estimator", value)).__name__)
@@ -133,8 +126,6 @@ class Decoder:
             return tuple(self.value(item) for item in node)
         if not isinstance(node, dict):
             return node
-        if node.keys() == {"pairs"}:
-            return {self.value(key): self.value(value) for key, value in node["pairs"]}
         (kind, axes, renews), content = CLASSES[node["class"]], node["fields"]
         if node.keys() != {"class", "fields"} or content.keys() != set(_field_names(kind)):
             raise KeyError(node["class"])
@@ -170,7 +161,7 @@ def read_archive(path: StrPath) -> tuple[dict[str, Any], dict[str, Array]]:
         if header.get("version") != VERSION:
             who, saved = (str(header.get(name))[:20] for name in ("rpil", "version"))
             made = f"rpil {who} saved it in version {saved} of the format"
-            here = f"rpil {rpil_version()} reads version {VERSION}"
+            here = f"rpil {version('rpil')} reads version {VERSION}"
             raise DataError(f"{path}: {made}, but {here}; use that rpil, or {_REMEDY}.")
         members.remove(_HEADER)
         names = [member.removesuffix(MEMBER) for member in members]

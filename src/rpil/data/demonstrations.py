@@ -22,9 +22,6 @@ SOURCE = "the demonstrations"
 BLOCK_STEPS = 65_536
 """Steps of a block, at most, unless a single demonstration is longer."""
 
-Episode = tuple[Array, Array]
-"""Observations (T, D) and actions, (T,) or (T, A)."""
-
 
 @dataclass(frozen=True, eq=False)
 class Block:
@@ -62,7 +59,23 @@ def shard_bounds(offsets: NDArray[np.int64], n_shards: int, block_steps: int) ->
     return [firsts[a : b + 1] for a, b in itertools.pairwise(bounds)]
 
 
-class DemonstrationSet:
+class EndToEnd:
+    """Demonstrations that lie end to end: number m has the steps ``offsets[m]:offsets[m + 1]``."""
+
+    offsets: NDArray[np.int64]
+
+    @property
+    def n_demonstrations(self) -> int:
+        """M."""
+        return len(self.offsets) - 1
+
+    @property
+    def lengths(self) -> NDArray[np.int64]:
+        """Steps per demonstration, (M,)."""
+        return np.diff(self.offsets)
+
+
+class DemonstrationSet(EndToEnd):
     """Common parts of demonstrations in memory and on disk: ids, counts and the range of the actions.
 
     `classes` (K,) are the distinct discrete actions, in order; `low` and `high` (A,) the smallest and largest
@@ -70,7 +83,6 @@ class DemonstrationSet:
     """
 
     ids: tuple[Id, ...]
-    offsets: NDArray[np.int64]
     source: str
     observation_names: tuple[str, ...]
     classes: Array
@@ -83,11 +95,6 @@ class DemonstrationSet:
         return bool(len(self.classes))
 
     @property
-    def n_demonstrations(self) -> int:
-        """M."""
-        return len(self.ids)
-
-    @property
     def n_steps(self) -> int:
         """N."""
         return int(self.offsets[-1])
@@ -96,11 +103,6 @@ class DemonstrationSet:
     def n_observations(self) -> int:
         """D, the numbers per observation."""
         return len(self.observation_names)
-
-    @property
-    def lengths(self) -> NDArray[np.int64]:
-        """Steps per demonstration, (M,)."""
-        return np.diff(self.offsets)
 
     def __len__(self) -> int:
         return self.n_demonstrations
@@ -293,10 +295,10 @@ class Demonstrations(DemonstrationSet):
         bounds = shard_bounds(self.offsets, n_shards, block_steps)
         return [list(itertools.starmap(whole.part, itertools.pairwise(of_shard))) for of_shard in bounds]
 
-    def __iter__(self) -> Iterator[Episode]:
+    def __iter__(self) -> Iterator[tuple[Array, Array]]:
         return (self[m] for m in range(self.n_demonstrations))
 
-    def __getitem__(self, index: int) -> Episode:
+    def __getitem__(self, index: int) -> tuple[Array, Array]:
         """``(observations (T, D), actions (T,) or (T, A))`` at a position, as views; see `select` for several."""
         if not isinstance(index, int | np.integer):
             raise DataError(f"{self.source}: [{index!r}] takes one position; use select for several.")

@@ -7,7 +7,6 @@ become columns, each with a name.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TypeGuard
 
 import numpy as np
 
@@ -55,9 +54,8 @@ def as_episode(given: object, where: str) -> tuple[Array, Array, tuple[str, ...]
     both = _parts(given)
     if both is None:
         raise DataError(f"{where}: give one pair (observations, actions), or a dict or an object that holds both.")
-    seen, acted = (list(one) if isinstance(one, tuple) else one for one in both)
-    observations, names = _as_table(seen, "observation", where)
-    actions, _ = _as_table(acted, "action", where)
+    observations, names = _as_table(both[0], "observation", where)
+    actions, _ = _as_table(both[1], "action", where)
     lengths = [len(array) if array.ndim else 0 for array in (observations, actions)]
     if lengths[0] - lengths[1] not in (0, 1):
         raise DataError(
@@ -79,11 +77,6 @@ def _parts(given: object) -> tuple[object, object] | None:
         are_steps = all(isinstance(one, Mapping) and _parts(one) for one in given)
         return None if are_steps else (given[0], given[1])
     return None
-
-
-def _is_structure(part: object) -> TypeGuard[Mapping[object, object]]:
-    """Whether `part` has entries by name, as a dict or imitation's DictObs, and is no table of pandas."""
-    return hasattr(part, "items") and not hasattr(part, "__array__")
 
 
 def _as_table(part: object, what: str, where: str) -> tuple[Array, tuple[str, ...]]:
@@ -109,12 +102,8 @@ def _as_table(part: object, what: str, where: str) -> tuple[Array, tuple[str, ..
 
 def _columns(part: object, name: str, what: str, where: str) -> dict[str, Array]:
     """The arrays in nested dicts, by their names joined with dots; an array by itself is called ""."""
-    if isinstance(part, list) and part and _is_structure(part[0]):
-        steps = [dict(step.items()) for step in part]
-        if any(step.keys() != steps[0].keys() for step in steps):
-            raise DataError(f"{where}: the {what}s of its steps hold different parts; give every step the same ones.")
-        part = {key: [step[key] for step in steps] for key in steps[0]}
-    if not _is_structure(part):
+    # A dict, or imitation's DictObs, has entries by name; a table of pandas is an array.
+    if not hasattr(part, "items") or hasattr(part, "__array__"):
         return {name: as_array(part, f"{what} {name!r}" if name else f"{what}s", where)}
     found: dict[str, Array] = {}
     for key, value in part.items():

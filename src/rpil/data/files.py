@@ -10,7 +10,6 @@ import shutil
 import uuid
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from difflib import get_close_matches
 from pathlib import Path
 
 from rpil.data.errors import DataError
@@ -31,13 +30,10 @@ def check_extension(path: StrPath, extensions: Collection[str], use: str = "") -
 
 
 def check_exists(path: StrPath) -> Path:
-    """`path`, or a `DataError` where it is missing, with names like it, or is a pipe or device."""
+    """`path`, or a `DataError` where it is missing, or is a pipe or device."""
     path = Path(path)
     if not path.exists():
-        names = os.listdir(path.parent) if path.parent.is_dir() else ()
-        close = get_close_matches(path.name, names, 1, 0.85)
-        hint = f"perhaps it is {str(path.parent / close[0])!r}" if close else "check the path"
-        raise DataError(f"{path}: there is no such file or folder; {hint}.")
+        raise DataError(f"{path}: there is no such file or folder; check the path.")
     if not (path.is_file() or path.is_dir()):  # to open a pipe is to wait for it
         raise DataError(f"{path}: it is neither a file nor a folder; give the path of one.")
     return path
@@ -138,9 +134,11 @@ def check_folder(path: StrPath) -> None:
     places, only = _places(top), _DATA if os.path.isdir(os.path.join(top, "data")) else None
     for folder, folders, files in os.walk(top, onerror=_refuse_unlisted):
         if folder == top:
-            folders[:] = [name for name in folders if not is_hidden(name) and (only is None or name in only)]
+            folders[:] = [name for name in folders if name[0] != "." and (only is None or name in only)]
         for path in (os.path.join(folder, name) for name in (*folders, *files)):
-            if is_hidden(os.path.basename(path)) and is_dangling(path):  # a lock of an editor, which nothing can read
+            if os.path.basename(path).startswith(".") and is_dangling(
+                path
+            ):  # a lock of an editor, which nothing can read
                 continue
             if os.path.islink(path) or not os.path.isdir(path):
                 check_inside(path, top, places)
@@ -167,11 +165,6 @@ def check_inside(path: StrPath, top: StrPath, places: Sequence[str] = ()) -> Non
         )
     if not (os.path.isfile(real) or os.path.isdir(real)):
         raise DataError(f"{path}: it is a pipe or a device; remove it, or copy the file again.")
-
-
-def is_hidden(name: str) -> bool:
-    """Whether a file or folder has a name that lists leave out."""
-    return name.startswith(".")
 
 
 def is_dangling(path: StrPath) -> bool:

@@ -15,7 +15,7 @@ from typing import Any, cast
 import numpy as np
 
 from rpil.data.arrays import check_name
-from rpil.data.demonstrations import DemonstrationSet
+from rpil.data.demonstrations import DemonstrationSet, EndToEnd
 from rpil.data.errors import DataError
 from rpil.data.id_values import check_ids, read_id_pairs
 from rpil.data.spaces import Space
@@ -63,34 +63,31 @@ DemonstratorNames = Mapping[Any, Hashable] | Sequence[Hashable] | Array
 """Demonstrators as a caller gives them: by id of the demonstration, or one for each demonstration in order."""
 
 
-def names_by_id(
-    demonstrators: DemonstratorNames | None, ids: Sequence[object], source: str, known: Sequence[object] = ()
-) -> dict[str, Hashable]:
-    """The demonstrators of the demonstrations `ids`, by the id as text; a mapping may name others that are `known`.
-
-    A `DataError` on unknown ids, or a wrong number of demonstrators.
-    """
-    if isinstance(demonstrators, Mapping):
-        check_ids(demonstrators, known or ids, source, "the demonstrators")
-        names = {str(m): name for m, name in demonstrators.items()}
-        return {m: names[m] for m in map(str, ids) if m in names}
-    given = np.asarray([] if demonstrators is None else demonstrators)
-    if demonstrators is not None and given.shape != (len(ids),):
-        wrong = f"demonstrators has the shape {given.shape}"
+def in_order(
+    given: DemonstratorNames | Outcome, ids: Sequence[object], source: str, what: str, every: Sequence[object] = ()
+) -> list[Any]:
+    """The values that are `given` of the demonstrations `ids`: one for each, or a mapping by id, which may name others
+    of `every` one; None where it names none. A `DataError` on unknown ids, or a wrong number of `what` is given."""
+    if isinstance(given, Mapping):
+        check_ids(given, every or ids, source, what)
+        by_id = {str(m): value for m, value in given.items()}
+        return [by_id.get(str(m)) for m in ids]
+    values = np.asarray(given, dtype=object)
+    if values.shape != (len(ids),):
+        wrong = f"{what} cannot be of the shape {values.shape}"
         raise DataError(f"{source}: {wrong}; give one for each of the {len(ids)} demonstrations, in their order.")
-    return dict(zip(map(str, ids), given.tolist(), strict=False))
+    return list(values.tolist())
 
 
 def group_by_demonstrator(demonstrators: DemonstratorNames | None, demonstrations: DemonstrationSet) -> Demonstrators:
-    """The groups of demonstrations that have one demonstrator; see `names_by_id`.
+    """The groups of demonstrations that have one demonstrator; see `in_order`.
 
     Warns where they carry no information; a `DataError` where a name is neither text nor a number.
     """
     source, ids = demonstrations.source, demonstrations.ids
     if demonstrators is None:
         return Demonstrators()
-    by_id = names_by_id(demonstrators, ids, source)
-    names = [by_id.get(str(m)) for m in ids]
+    names = in_order(demonstrators, ids, source, "the demonstrators")
     for m, name in zip(ids, names, strict=True):
         place = f"{source}, demonstration {m!r}"
         if not isinstance(name, Hashable):
@@ -104,7 +101,7 @@ def group_by_demonstrator(demonstrators: DemonstratorNames | None, demonstration
 
 
 @dataclass(frozen=True, eq=False)
-class FitData:
+class FitData(EndToEnd):
     """The data of one fit."""
 
     features: Array  # (N, D): design matrix, constant in the last column
@@ -128,20 +125,6 @@ class FitData:
     def __sizeof__(self) -> int:
         """Bytes, which Dask asks for."""
         return self.features.nbytes + self.actions.nbytes
-
-    @property
-    def n_demonstrations(self) -> int:
-        """M."""
-        return len(self.offsets) - 1
-
-    def action_name(self, k: int) -> str:
-        """The name of part k of continuous actions, or of discrete action k; its number where it has none."""
-        return self.action_names[k] if self.action_names else str(k)
-
-    @property
-    def lengths(self) -> Array:
-        """Steps per demonstration, (M,)."""
-        return np.diff(self.offsets)
 
     def sum_steps(self, values: Array) -> Array:
         """Sums over the steps of each demonstration, (N, ...) -> (M, ...)."""
@@ -237,17 +220,11 @@ def given_outcome(
             [(twice, _)] = Counter(m for m, *_ in rows).most_common(1)
             raise DataError(f"{source}, demonstration {twice!r}: it has two outcomes; keep one.")
         return given_outcome(found, ids, source, every)
-    if isinstance(given, Mapping):
-        by_id = {str(m): value for m, value in given.items()}
-        check_ids(by_id, every or ids, source, "--outcome")
-        given = [by_id.get(str(m), np.nan) for m in ids]
+    each = in_order(given, ids, source, "--outcome", every)
     try:
-        values = np.asarray(given, dtype=np.float64)
+        values = np.array(each, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise DataError(f"{source}: outcome holds what is no number; give a number for each demonstration.") from error
-    if values.shape != (len(ids),):
-        wrong = f"outcome has the shape {values.shape}"
-        raise DataError(f"{source}: {wrong}; give one number for each of {len(ids)} demonstrations.")
     return check_outcome(values, "the outcome", source)
 
 

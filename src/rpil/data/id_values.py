@@ -62,8 +62,6 @@ _WHOLE = re.compile(r"\d{1,15}(?:\.0+)?", re.ASCII)
 _OF_ROWS = {"start", "end", "from", "to", "begin", "stop", "start_row", "end_row"}
 """Names, in small letters, of columns that say which rows are meant; the first two are read."""
 
-_EXTENSIONS = (".csv",)
-
 
 def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what: str) -> None:
     """A `DataError` naming the first `names` that are no ids, compared as text, and `what` is to be corrected."""
@@ -74,20 +72,12 @@ def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what:
         raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct {what}.")
 
 
-def read_answers(path: StrPath) -> tuple[dict[str, Label], Pairs]:
-    """Read labels and pairs from a CSV file with the columns ``id`` and ``label``.
-
-    Labels are ``good`` or ``bad``, in any case, or ``expert`` and ``adversary``; ``better than ID`` makes a pair, and
-    ``same as ID`` one without a difference. A demonstration has one label and any number of pairs. Ids are text. A
-    `DataError` names the file and the demonstration: unknown words, an id that is labelled twice, pairs that contradict
-    each other, no answers.
-    """
-    return parse_answers(read_answer_rows(path), Path(path).name)
-
-
 def read_answer_rows(path: StrPath) -> list[AnswerRow]:
-    """The answers of a file that `read_answers` reads, with their notes."""
-    rows = read_id_pairs(check_extension(path, _EXTENSIONS, "labels"), "label", AnswerRow._fields[2:])
+    """The answers of a CSV file with the columns ``id`` and ``label``, and maybe note, start and end.
+
+    A `DataError` where there are none, or the file is no such one.
+    """
+    rows = read_id_pairs(check_extension(path, (".csv",), "labels"), "label", AnswerRow._fields[2:])
     if not rows:
         raise DataError(f"{Path(path).name}: it labels no demonstration; give at least one id and label.")
     return [AnswerRow(*row) for row in rows]
@@ -119,7 +109,12 @@ def parse_marks(
 
 
 def parse_answers(rows: Sequence[AnswerRow], source: str) -> tuple[dict[str, Label], Pairs]:
-    """Labels and pairs from answers, without those about rows; errors as in `read_answers`."""
+    """Labels and pairs from answers, without those about rows.
+
+    Labels are ``good`` or ``bad``, in any case, or ``expert`` and ``adversary``; ``better than ID`` makes a pair, and
+    ``same as ID`` one without a difference. A demonstration has one label and any number of pairs. A `DataError` names
+    the `source` and the demonstration: unknown words, an id that is labelled twice, pairs that contradict each other.
+    """
     labels: dict[str, Label] = {}
     pairs: Pairs = {}
     for m, word, *_ in (row for row in rows if not row.is_mark):
@@ -156,7 +151,7 @@ def with_new(old: Iterable[AnswerRow], new: Sequence[AnswerRow]) -> list[AnswerR
 
 
 def write_answers(path: StrPath, before: bytes | None, answers: Sequence[AnswerRow]) -> None:
-    """Write a CSV file that `read_answers` reads: what it held `before`, and these answers.
+    """Write a CSV file that `read_answer_rows` reads: what it held `before`, and these answers.
 
     A label replaces the old one of the demonstration, or of the same rows of it. All other rows keep their cells, and
     the file its columns; note, start and end are added to them once an answer has one. A `DataError` where it cannot be
@@ -228,7 +223,7 @@ def match_pairs(
 
 def is_id_file(where: str) -> bool:
     """Whether `where` names a file of ids and values rather than a column."""
-    return Path(where).suffix.lower() in _EXTENSIONS
+    return Path(where).suffix.lower() == ".csv"
 
 
 def match_demonstrators(pairs: Iterable[IdRow], source: str) -> dict[str, str]:

@@ -9,11 +9,10 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rpil.data.archive import NOT_STORED, stored
 from rpil.data.arrays import check_squares
-from rpil.data.demonstrations import Demonstrations, DemonstrationSet
+from rpil.data.demonstrations import DemonstrationSet
 from rpil.data.errors import DataError
 from rpil.numerics.types import Array
 
@@ -76,20 +75,14 @@ class Box:
 
 Space = Discrete | Box
 
-Bounds = tuple[ArrayLike, ArrayLike]
-"""Low and high end of every number of an action: a number for all, or (A,) numbers."""
 
-
-def action_space(data: DemonstrationSet, box: Bounds | None = None) -> tuple[Space, Array]:
+def action_space(data: DemonstrationSet) -> tuple[Space, Array]:
     """The space of the actions, and the K classes where they are discrete, else none.
 
-    `box` holds declared bounds of continuous actions; without it, they are the smallest box that holds the actions. A
-    `DataError` where all actions are the same, or too large or too alike to be squared, or `box` is none, or does not
-    hold the actions.
+    That of continuous actions is the smallest box that holds them. A `DataError` where all actions are the same, or too
+    large or too alike to be squared.
     """
     source = data.source
-    if data.is_discrete and box is not None:
-        raise DataError(f"{source}: the actions are discrete, which no action_box fits; leave it out.")
     if data.is_discrete:
         if len(data.classes) < 2:
             only = repr(data.classes[0].item())
@@ -99,26 +92,7 @@ def action_space(data: DemonstrationSet, box: Bounds | None = None) -> tuple[Spa
     if (ends[0] == ends[1]).all():
         raise DataError(f"{source}: every action is the same; give demonstrations with two at least.")
     check_squares(ends, f"{source}: action")
-    space = Box.around(ends)
-    if box is not None:
-        try:
-            low, high = (np.broadcast_to(np.asarray(bound, dtype=float), space.n_parts) for bound in box)
-        except (TypeError, ValueError):
-            raise DataError(f"{source}: action_box={box!r}; give (low, high), numbers or one for each part.") from None
-        if not (low < high).all() or not np.isfinite([low, high]).all():
-            raise DataError(f"{source}: action_box={box!r} is empty or unbounded; give finite low < high.")
-        space = Box(low, high)
-    outside = np.argwhere((ends < space.low) | (ends > space.high))
-    if len(outside):
-        end, part = outside[0]
-        if isinstance(data, Demonstrations):
-            step = np.flatnonzero(data.actions[:, part] == ends[end, part])[0]
-            source = f"{source}, demonstration {data.ids[data.groups[step]]!r}"
-        raise DataError(
-            f"{source}: action {part} is {ends[end, part]:g}, outside the declared box from {space.low[part]:g} to "
-            f"{space.high[part]:g}; widen action_box, or clip the actions."
-        )
-    return space, np.empty(0)
+    return Box.around(ends), np.empty(0)
 
 
 def encode_actions(classes: Array, actions: Array, source: str) -> Array:

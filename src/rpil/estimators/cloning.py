@@ -15,7 +15,7 @@ from sklearn.utils.validation import _check_sample_weight, check_is_fitted, vali
 from threadpoolctl import threadpool_limits
 
 from rpil.data.arrays import ActionKind, are_whole
-from rpil.data.demonstrations import Demonstrations, DemonstrationSet
+from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space, action_space, encode_actions
@@ -82,11 +82,6 @@ Given = Demonstrations | Frame | list[object] | Iterator[object]
 """Demonstrations, or what they are read from: a data frame, or trajectories."""
 
 
-def see(estimator: BaseEstimator, X: DemonstrationSet) -> None:
-    """Keep the names of the observations."""
-    estimator.n_features_in_, estimator.observation_names_ = X.n_observations, X.observation_names
-
-
 def as_demonstrations(
     estimator: BaseEstimator, X: ArrayLike | Given, y: ArrayLike | None, groups: ArrayLike | None = None
 ) -> Demonstrations:
@@ -97,9 +92,9 @@ def as_demonstrations(
     if y is None and isinstance(X, Frame | list | Iterator):
         X = read(X)
     if isinstance(X, Demonstrations):
-        see(estimator, X)
+        estimator.n_features_in_ = X.n_observations
         return X
-    estimator.observation_names_, given = (), np.asarray(y)
+    given = np.asarray(y)
     are_numbers = given.ndim == 2 and given.dtype.kind == "f"
     observations, actions = cast(tuple[Array, Array], validate_data(estimator, X, y, multi_output=are_numbers))
     if actions.ndim == 1 and actions.dtype.kind == "f" and not are_whole(actions):
@@ -174,28 +169,6 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
         check_is_fitted(self)
         return self.policy_.outputs(self.features_.design(cast(Array, validate_data(self, X, reset=False))))
 
-    def _linear(self) -> tuple[FeatureMap, Array]:
-        """The feature map and the weights (F + 1, K) of a linear policy; no other policy has coefficients."""
-        if not isinstance(self.features_, FeatureMap) or not isinstance(self.policy_, LinearPolicy):
-            raise AttributeError(f"The policy is a {type(self.policy_).__name__}, which has no coefficients.")
-        return self.features_, self.policy_.weights
-
-    def _contrast(self, coefficients: Array) -> Array:
-        """The difference of two actions' coefficients: scikit-learn has the second less the first."""
-        return coefficients[1:] - coefficients[:1] if len(self.classes_) == 2 else coefficients
-
-    @property
-    def coef_(self) -> Array:
-        """Coefficients on the unscaled columns of the feature map, shaped as scikit-learn's."""
-        features, weights = self._linear()
-        return self._contrast((weights[:-1] / features.scale[:, None]).T)
-
-    @property
-    def intercept_(self) -> Array:
-        """Intercepts that go with `coef_`."""
-        features, weights = self._linear()
-        return self._contrast(weights[-1] - (features.center / features.scale) @ weights[:-1])
-
 
 class BehavioralCloning(PolicyEstimator):
     """Trust every demonstration alike: softmax regression of actions on observations.
@@ -218,8 +191,6 @@ class BehavioralCloning(PolicyEstimator):
         The discrete actions; empty for continuous actions.
     space_ : Discrete or Box
         The set of possible actions.
-    coef_, intercept_ : arrays
-        As scikit-learn's, on the columns of the feature map.
     """
 
     groups = ROWS

@@ -33,7 +33,6 @@ FITTED = {
 mixture has other features than the policy. An audit is none, because `rpil.audit` makes it again."""
 
 FITTED_ARRAYS = dict.fromkeys(("weights_", "log_likelihood_"), "M")
-_NAMES = ("feature_names_in_", "observation_names_")  # from data frames, and from `Demonstrations`
 
 
 def save(estimator: SavedEstimator, path: StrPath) -> None:
@@ -66,13 +65,11 @@ def save(estimator: SavedEstimator, path: StrPath) -> None:
         ) from None
     given, params = estimator.get_params(deep=False), dict[str, Any]()
     for name in [name for name in given if name not in ("progress", "engine")]:
-        value = given[name]
-        plain = [np.asarray(part).tolist() for part in value] if isinstance(value, list | tuple | np.ndarray) else value
         with suppress(TypeError):  # those that cannot be encoded are dropped
-            params[name] = encode(plain, f"params/{name}", arrays)
+            params[name] = encode(given[name], f"params/{name}", arrays)
     header = {
         "class": kind,
-        "names": {name: [*map(str, getattr(estimator, name))] for name in _NAMES if len(getattr(estimator, name, ()))},
+        "names": [*getattr(estimator, "feature_names_in_", ())],
         "params": params,
         "classes": encode(estimator.classes_, "classes", arrays),
         "fitted": fitted,
@@ -121,10 +118,10 @@ def _restore(header: dict[str, Any], decoder: Decoder) -> SavedEstimator:
         node, array = header["fitted"][name], FITTED_ARRAYS.get(name)
         setattr(estimator, name, decoder.array(node, array) if array else decoder.value(node))
     estimator.n_features_in_ = decoder.sizes["D"]
-    for name, texts in header["names"].items():
-        if name not in _NAMES or len(texts) != estimator.n_features_in_:
-            raise ValueError(name)
-        setattr(estimator, name, np.array(texts, dtype=object) if name == "feature_names_in_" else tuple(texts))
+    if names := header["names"]:
+        if np.shape(names) != (estimator.n_features_in_,):
+            raise ValueError(names)
+        estimator.feature_names_in_ = np.array(names, dtype=object)
     if decoder.arrays:
         raise KeyError(f"unknown arrays {sorted(decoder.arrays)}")
     return estimator

@@ -38,7 +38,7 @@ from rpil.scale.settings import AscentSettings, SampleSettings
 
 if TYPE_CHECKING:
     from rpil.estimators.cloning import LinearPolicySpec
-    from rpil.estimators.task import ActionBox, Features, FinalPolicy
+    from rpil.estimators.task import Features, FinalPolicy
     from rpil.mixture.adversaries.protocol import Adversary
     from rpil.mixture.em import State
     from rpil.policies.cross_fitted import CrossFittedPolicy
@@ -98,7 +98,6 @@ class FitOptions:
     engine: Engine | None = None
     policy: object = None
     C: float | None = None
-    action_box: ActionBox | None = None
 
     @property
     def judges(self) -> bool:

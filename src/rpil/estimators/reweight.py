@@ -56,16 +56,11 @@ class Reweighted:
     policy: object
     """The policy, trained with the step weights of the audit."""
     audit: Audit
-    """As `RPIL.audit_`."""
+    """As `RPIL.audit_`; its `step_weight`, in [0, 1], (N,), trained the policy."""
     n_rounds: int
     """Rounds of training."""
     converged: bool
     """Whether training gained nothing more before `max_rounds`."""
-
-    @property
-    def step_weight(self) -> Array:
-        """Weight of each step for training, in [0, 1], (N,)."""
-        return self.audit.step_weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,8 +188,9 @@ def reweight(
     progress : callable, optional
         Called with a few words at every round.
     n_folds : int, default=3
-        Copies of the policy, each evaluated on the demonstrations that it was not trained on. With 1 a copy is
-        evaluated on its training data: a policy that memorises explains bad actions as well as good ones.
+        Copies of the policy, at most one for each different demonstration. Each is evaluated on the demonstrations
+        that it was not trained on. With 1 a copy is evaluated on its training data: a policy that memorises explains
+        bad actions as well as good ones.
     max_rounds : int, default=50
         Calls of `train` for a policy, at most; training stops when it gains nothing more on held-out steps.
     random_state : int, default=0
@@ -214,15 +210,10 @@ def reweight(
     if not isinstance(demonstrations, Demonstrations):
         raise DataError(f"reweight needs Demonstrations, not {type(demonstrations).__name__}; see rpil.read.")
     progress, chosen, settings = progress or (lambda _: None), ReweightOptions(**options), JudgeSettings()
-    n_folds = chosen.n_folds
-    task = Task.of(demonstrations, None, answers_of(labels, None, demonstrations))
+    task = Task.of(demonstrations, answers_of(labels, None, demonstrations))
     copies = copies_among(demonstrations)
     check_copied_labels(task.answers, copies.copy_of, demonstrations.ids, demonstrations.source)
-    if n_folds > len(copies.judged):
-        different = "different " * (copies.any and not copies.all_same)
-        raise DataError(
-            f"n_folds={n_folds}, but there are {len(copies.judged)} {different}demonstrations; give fewer folds."
-        )
+    n_folds = min(chosen.n_folds, len(copies.judged))
     once = demonstrations.select(copies.judged) if copies.any else demonstrations
     features = FeatureMap.fit("folded", once.observations, settings=FeatureSettings())
     data = task.data(once, features)
@@ -232,10 +223,10 @@ def reweight(
     n_rounds = model.cache[data.per_step(judgement.scores.fit.group.astype(float)).tobytes()][1]
     judgement = repeated(judgement, copies, demonstrations.offsets)
     audit = audit_from_judgement(judgement, demonstrations, task.answers, task.demonstrators, AuditSettings())
-    audit = replace(audit, notes=tuple(filter(None, [*audit.notes, copies.sentence])))
+    notes, method = filter(None, [*audit.notes, copies.sentence]), (IN_SAMPLE_POLICY,) * (n_folds == 1)
+    audit = replace(audit, notes=tuple(notes), method=method)
     model = replace(model, data=demonstrations)  # the policy learns from copies as well
     for n in range(n_rounds):
         progress(f"training the policy: {n + 1} of {n_rounds}")
         policy = model.train_round(policy, np.arange(demonstrations.n_steps), audit.step_weight)
-    audit = replace(audit, method=(IN_SAMPLE_POLICY,) * (n_folds == 1))
     return Reweighted(policy, audit, n_rounds, n_rounds < chosen.max_rounds)

@@ -145,7 +145,6 @@ class RMEnt(PolicyEstimator):
         Fits of the best start since it was among the most promising.
     converged_ : bool
     classes_ : (K,) array
-    coef_, intercept_ : arrays
 
     References
     ----------

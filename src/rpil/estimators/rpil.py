@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from rpil.data.files import StrPath
 from rpil.data.fit_data import DemonstratorNames, Outcome
-from rpil.estimators.cloning import Given, PolicyEstimator, as_demonstrations, see
+from rpil.estimators.cloning import Given, PolicyEstimator, as_demonstrations
 from rpil.estimators.pipeline import FitOptions, FitResult, Settings, final_policy
-from rpil.estimators.task import ActionBox, Labels, Task, answers_of
+from rpil.estimators.task import Labels, Task, answers_of
 from rpil.estimators.within_tasks import Statements, fit_task, fit_within_tasks
 from rpil.formats.columns import Names
 from rpil.formats.format import Dataset
@@ -54,12 +54,8 @@ class RPIL(PolicyEstimator):
         ``Confusion.given(matrix)``. The mixture needs all data in memory.
     C : float, optional
         Inverse ridge strength of the final policy, as in `BehavioralCloning`.
-    labels : mapping of id to {"good", "bad"}, optional
-        Known demonstrations; `fit` takes labels too.
     random_state : int
         Seed; the same seed gives the same bits.
-    action_box : (low, high), optional
-        Bounds of continuous actions, numbers or (A,) arrays; by default the range of the demonstrations.
     settings : Settings, optional
         Settings of every stage: the judge, the mixture (``prior``, ``m_step``, ``tol``), the sample of large data, the
         fit of the final policy. The ``prior`` also says which of two parts the judge's policy trusts.
@@ -75,12 +71,10 @@ class RPIL(PolicyEstimator):
     ----------
     audit_ : Audit
         Finding, verdicts, log-odds and step weights.
-    log_odds_, expert_proba_ : (M,) arrays
-        Scores and probabilities, in the order of ``audit_.ids``.
+    expert_proba_ : (M,) array
+        Probabilities, in the order of ``audit_.ids``.
     classes_ : (K,) array
         The discrete actions; empty for continuous actions.
-    coef_, intercept_ : arrays
-        Coefficients of a linear policy.
     state_ : State or None
         The mixture with a named adversary.
     lower_bound_ : float
@@ -111,9 +105,7 @@ class RPIL(PolicyEstimator):
         policy: object = None,
         adversary: str | Adversary = "auto",
         C: float | None = None,
-        labels: Labels | None = None,
         random_state: int = 0,
-        action_box: ActionBox | None = None,
         settings: Settings | None = None,
         progress: Callable[[str], None] | None = None,
         engine: Engine | None = None,
@@ -123,9 +115,7 @@ class RPIL(PolicyEstimator):
         self.policy = policy
         self.adversary = adversary
         self.C = C
-        self.labels = labels
         self.random_state = random_state
-        self.action_box = action_box
         self.settings = settings
         self.progress = progress
         self.engine = engine
@@ -154,7 +144,7 @@ class RPIL(PolicyEstimator):
         groups : (N,) array
             The demonstration of each step; needed where X is an array, see the parameter of the constructor.
         labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, sequence of pairs, or path, optional
-            Answers about demonstrations, in place of the constructor's; a path is a file of them.
+            Answers about demonstrations; a path is a file of them.
         demonstrators : mapping of id to name, or sequence of M names, or file or column of a `Recording`, optional
             The demonstrator of each demonstration. Demonstrations of one demonstrator then change each other's
             log-odds, see `rpil.mixture.demonstrator_prior`. A demonstration without a name has a demonstrator of its
@@ -165,27 +155,23 @@ class RPIL(PolicyEstimator):
         Raises
         ------
         DataError
-            One sentence: rows without groups, constant actions, an action outside the box, a single demonstration, an
+            One sentence: rows without groups, constant actions, a single demonstration, an
             unknown id, a wrong number of `demonstrators` or outcomes, an outcome that is the same for all, or
             only demonstrations labelled bad.
         """
-        labels = self.labels if labels is None else labels
         settings, progress = self.settings or Settings(), self.progress or (lambda _: None)
         run = self.random_state, settings, progress, self.engine
-        options = FitOptions(self.features, self.adversary, *run, self.policy, self.C, self.action_box)
+        options = FitOptions(self.features, self.adversary, *run, self.policy, self.C)
         if not isinstance(X, Recording):
-            if isinstance(X, Dataset):
-                see(self, X)
             source = X if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
-            task = Task.of(source, self.action_box, answers_of(labels, outcome, source), demonstrators)
+            task = Task.of(source, answers_of(labels, outcome, source), demonstrators)
             return self._keep(task, fit_task(task, options))
         # Each task and session is judged by itself, and one policy learned by the weights of all.
         audit, fits = fit_within_tasks(X, Statements.of(X, labels, demonstrators, outcome), options)
-        see(self, X.demonstrations)
         if not audit.within:
             (task, result), *_ = fits
             return self._keep(task, replace(result, audit=audit))
-        task, results = Task.of(X.demonstrations.select(slice(None)), self.action_box), [own for _, own in fits]
+        task, results = Task.of(X.demonstrations.select(slice(None))), [own for _, own in fits]
         options.progress("the policy")
         n_iter, bound = sum(own.n_iter for own in results), float(np.mean([own.lower_bound for own in results]))
         sound = all(own.converged for own in results)
@@ -195,7 +181,7 @@ class RPIL(PolicyEstimator):
 
     def _keep(self, task: Task, fitted: FitResult) -> RPIL:
         """Copy the result of a fit."""
-        self.space_, self.classes_ = task.space, task.classes
+        self.space_, self.classes_, self.n_features_in_ = task.space, task.classes, task.source.n_observations
         assert fitted.policy is not None
         self.features_, self.policy_ = fitted.features, fitted.policy
         self.state_, self.audit_ = fitted.state, fitted.audit
@@ -203,17 +189,8 @@ class RPIL(PolicyEstimator):
         return self
 
     @property
-    def log_odds_(self) -> Array:
-        """`Audit.log_odds`, (M,)."""
-        return self._known_audit().log_odds
-
-    @property
     def expert_proba_(self) -> Array:
-        """`Audit.expert_proba`, (M,)."""
-        return self._known_audit().expert_proba
-
-    def _known_audit(self) -> Audit:
-        """The audit of the fit; an AttributeError of one sentence where there was none, or a file did not hold it."""
+        """`Audit.expert_proba`, (M,); an AttributeError where there was no fit, or a file did not hold its audit."""
         if not hasattr(self, "audit_"):
             raise AttributeError("A saved RPIL holds no audit; call rpil.audit on the demonstrations, or fit it again.")
-        return self.audit_
+        return self.audit_.expert_proba

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rpil.data import fit_data, id_values
 from rpil.data.demonstrations import Demonstrations
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
     Features = FeatureMap | IdentityMap
     FinalPolicy = LinearPolicy | CrossFittedPolicy
 
-ActionBox = tuple[ArrayLike, ArrayLike]
 Labels = Mapping[Any, str] | Sequence[tuple[Hashable, str]]
 
 
@@ -91,12 +89,11 @@ class Task:
     def of(
         cls,
         source: Demonstrations | Dataset,
-        action_box: ActionBox | None = None,
         answers: Answers | None = None,
         demonstrators: DemonstratorNames | None = None,
     ) -> Task:
         """Find the space of the actions; match what is given of the demonstrations with them."""
-        space, classes = action_space(source, action_box)
+        space, classes = action_space(source)
         if len(source.ids) < 2:
             alone = f"all steps are of demonstration {source.ids[0]!r:.40}, and one demonstration alone (1 sample)"
             raise DataError(f"{source.source}: {alone} cannot be compared; give at least two.")

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
-from rpil.data.fit_data import DemonstratorNames, Outcome, check_outcome, check_sessions, names_by_id
+from rpil.data.fit_data import DemonstratorNames, Outcome, check_outcome, check_sessions, in_order
 from rpil.data.text import quoted
 from rpil.estimators.pipeline import FitOptions, FitResult, Settings, fit_full, fit_sampled
 from rpil.estimators.task import Labels, Task, answers_of, are_names
@@ -42,8 +42,8 @@ class Statements:
     """Statements about the demonstrations of a recording, by its user or by the columns that the user named."""
 
     answers: Answers
-    demonstrators: Mapping[str, Hashable]
-    """By the ids of their demonstrations as text."""
+    demonstrators: Sequence[Hashable] = ()
+    """The name of each, None where it is not known; empty where none is."""
     answers_source: str = "the labels"
     """In messages."""
     reference: Recording | None = None
@@ -78,14 +78,14 @@ class Statements:
         named_by, demonstrators = source, recording.options.operator if demonstrators is None else demonstrators
         if isinstance(demonstrators, str):
             named_by, demonstrators = demonstrators, read_demonstrators(demonstrators, recording)
-        names = names_by_id(demonstrators, read.ids, named_by, ids)
+        names = () if demonstrators is None else in_order(demonstrators, read.ids, named_by, "the demonstrators", ids)
         where = str(labels) if isinstance(labels, str | os.PathLike) else cls.answers_source
         taken_over = takeover_signs(recording.interventions, read.offsets, recording.description.fps)
         return cls(answers, names, where, reference, taken_over)
 
-    def select(self, rows: Sequence[int], ids: Iterable[Hashable]) -> Statements:
-        """Statements about the demonstrations at `rows`, which are called `ids`, and of pairs of them."""
-        names = {m: self.demonstrators[m] for m in map(str, ids) if m in self.demonstrators}
+    def select(self, rows: Sequence[int]) -> Statements:
+        """Statements about the demonstrations at `rows`, and of pairs of them."""
+        names = [self.demonstrators[m] for m in rows] if self.demonstrators else ()
         taken_over = tuple(self.taken_over[m] for m in rows) if self.taken_over else ()
         return replace(self, answers=self.answers.select(rows), demonstrators=names, taken_over=taken_over)
 
@@ -120,7 +120,7 @@ def fit_within_tasks(
     what = "sessions" if recording.options.session else "tasks"
     what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
     for group, rows in places.items():
-        of_group = stated.select(rows, (demonstrations.ids[m] for m in rows))
+        of_group = stated.select(rows)
         if len(rows) > 1 or stated.reference is not None:
             audits[group], fitted = _fit_group(demonstrations.select(rows), of_group, options, keeps_policy)
             fits.append(fitted)
@@ -161,8 +161,10 @@ def _fit_group(
             outcomes[:, -k] = values
         labels = np.append(given.labels, np.ones(more, dtype=int))  # those of the reference are good
         answers = replace(given, labels=labels, outcomes=np.concatenate([given.outcomes, outcomes]))
-        stated = replace(stated, answers=answers, taken_over=())  # of two files none states these
-    task = Task.of(demonstrations, options.action_box, stated.answers, stated.demonstrators or None)
+        names = [*stated.demonstrators, *[None] * more] if stated.demonstrators else ()
+        stated = replace(stated, answers=answers, demonstrators=names, taken_over=())  # of two files none states these
+    is_named = any(name is not None for name in stated.demonstrators)
+    task = Task.of(demonstrations, stated.answers, stated.demonstrators if is_named else None)
     if stated.taken_over:
         task = replace(task, taken_over=np.concatenate(stated.taken_over))
     result = fit_task(task, options, keeps_policy)

@@ -103,7 +103,7 @@ def open(
 ) -> Recording:
     """Open a recording, to describe, check, audit or keep it.
 
-    ``recording.describe()`` is ``rpil info``, ``rpil.check(recording)`` is ``rpil check``, ``recording.keep(ids,
+    ``recording.description`` is ``rpil info``, ``rpil.check(recording)`` is ``rpil check``, ``recording.keep(ids,
     output)`` is ``rpil keep``, and ``RPIL().fit(recording).audit_`` is ``rpil audit``.
 
     Parameters
@@ -160,13 +160,12 @@ def read_recording(
     return find(path).read(options, on_disk=on_disk)
 
 
-def read_demonstrators(where: str, data: StrPath | Recording) -> dict[str, str]:
-    """Demonstrator of each demonstration in the file `data`, by its id as text. `where` is a CSV file
-    (id,demonstrator), or a column of the data, which a `Recording` was read with. A `DataError` names the file:
-    nothing of that name, a demonstration with two demonstrators, an empty name."""
+def read_demonstrators(where: str, recording: Recording) -> dict[str, str]:
+    """Demonstrator of each demonstration by its id as text. `where` is a CSV file (id,demonstrator), or the column of
+    operators that the recording was read with. A `DataError` names the file: a demonstration with two demonstrators, an
+    empty name."""
     if is_id_file(where):
         return match_demonstrators(read_id_pairs(where, "demonstrator"), Path(where).name)
-    recording = data if isinstance(data, Recording) else read_recording(data, ColumnOptions(operator=where))
     return match_demonstrators(recording.operators, f"{recording.description.source}, {where!r}")
 
 

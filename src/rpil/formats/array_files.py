@@ -15,7 +15,7 @@ from rpil.data.archive import MEMBER, array_head, read_arrays, write_npz
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, guarded
-from rpil.data.files import is_hidden, replacing
+from rpil.data.files import replacing
 from rpil.data.memory import object_in, read_json
 from rpil.data.text import TASK, is_observation, may_be_outcome, natural_key, plain_name
 from rpil.formats.array_layout import ROLES, Arrays
@@ -98,7 +98,7 @@ def _files(path: Path) -> dict[str, Path]:
     """
     for pattern, suffixes in (("*", _HDF5), ("*", _NPZ), ("*/*", _NPZ)):
         files = [file for file in path.glob(pattern) if file.suffix.lower() in suffixes and file.is_file()]
-        files = [file for file in files if not any(map(is_hidden, file.relative_to(path).parts))]
+        files = [file for file in files if not any(part[0] == "." for part in file.relative_to(path).parts)]
         found = {file.stem if pattern == "*" else file.parent.name: file for file in files}
         for again in {*files} - {*found.values()}:
             raise DataError(f"{again}: another file here is of the same demonstration by its name; move one of them.")

@@ -17,7 +17,7 @@ import pyarrow as pa
 
 from rpil.data.arrays import Id, are_whole
 from rpil.data.errors import DataError, guarded
-from rpil.data.files import check_inside, is_hidden
+from rpil.data.files import check_inside
 from rpil.data.fit_data import FILE_SESSION, Facts, outcome_of_steps
 from rpil.data.memory import LARGEST_TABLE, Parsed, read_json, read_text
 from rpil.data.text import EPISODE, TIMESTAMP, plain_name
@@ -194,7 +194,7 @@ class MetaFolder:
         inside = ((Path(folder), [*folders, *files]) for folder, folders, files in os.walk(self.path / "meta"))
         found = sorted(folder / name for folder, names in inside for name in names)
         for place in found:
-            if not is_hidden(place.name):
+            if not place.name.startswith("."):
                 check_inside(place, self.path)
         return found
 

@@ -35,6 +35,7 @@ class Recording:
     Attributes
     ----------
     description : Description
+        Counts, columns and their roles, as ``rpil info`` prints them.
     steps, columns, found, origin : Steps, Columns, Scan, StepTables
         The steps of the demonstrations, their columns, what one pass over them found, and where they come from.
     clock : Clock, optional
@@ -65,10 +66,6 @@ class Recording:
 
     def __repr__(self) -> str:
         return "\n".join(self.description.short())
-
-    def describe(self) -> Description:
-        """Counts, columns and their roles, as ``rpil info`` prints them."""
-        return self.description
 
     def keep(self, ids: Sequence[Id], output: StrPath) -> None:
         """Write some demonstrations, with all that the file says of them, to a new file or folder; or a list of them.

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, is_hidden
+from rpil.data.files import StrPath
 from rpil.data.memory import LARGEST_METADATA
 from rpil.data.text import OWN_TABLES
 from rpil.formats import csv, parquet
@@ -85,7 +85,7 @@ def find_files(path: StrPath) -> tuple[list[Path], list[Path]]:
     top = top / "data" if (top / "data").is_dir() else top
     meta, found = str(top / "meta"), list[str]()  # of LeRobot, with tables of other things
     for folder, folders, files in os.walk(top):
-        folders[:] = [name for name in folders if not (folder == str(top) and is_hidden(name))]
+        folders[:] = [name for name in folders if not (folder == str(top) and name.startswith("."))]
         found += [os.path.join(folder, m) for m in files if m[0] not in "._" and not folder.startswith(meta)]
     names = {Path(one): one.lower() for one in sorted(found)}
     texts = (*TEXT_SUFFIXES, *_PACKED)

@@ -26,7 +26,7 @@ from rpil.data.copies import RUN_KEY
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath, check_extension, check_readable, replacing
-from rpil.data.id_values import check_ids, read_answers
+from rpil.data.id_values import check_ids, parse_answers, read_answer_rows
 from rpil.data.memory import LARGEST_TABLE, TooLargeError, read_text
 from rpil.data.text import MAX_IDS, MAX_LISTED_NAMES, from_cell, listed, printable
 from rpil.formats import write_columns
@@ -146,7 +146,7 @@ def read_verdicts(path: StrPath) -> Table:
     if "verdict" in columns and "rejected_by" not in columns:
         raise DataError(f"{path.name}: it has no column rejected_by; write it again with rpil audit --verdicts.")
     if not {"id", "rejected_by"} <= {*columns}:
-        labels, _ = read_answers(path)
+        labels, _ = parse_answers(read_answer_rows(path), path.name)
         if not labels:
             raise DataError(f"{path.name}: it labels no demonstration; give at least one id and label.")
         return {"id": list(labels), "rejected_by": [""] * len(labels), "label": list(labels.values())}

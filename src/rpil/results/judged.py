@@ -12,14 +12,15 @@ import math
 import os
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rpil.data.archive import rpil_version, stored
+from rpil.data.archive import stored
 from rpil.data.errors import DataError
-from rpil.data.files import StrPath, is_hidden
+from rpil.data.files import StrPath
 from rpil.data.text import for_others
 from rpil.inference.answers import Answers
 from rpil.inference.settings import JudgeSettings
@@ -38,7 +39,7 @@ def provenance_of(
 ) -> dict[str, object]:
     """How a result was made, for JSON: `settings` are those that are not the defaults, `files` the data and then other
     files, where given."""
-    made = {"rpil": rpil_version(), "command": for_others(command), "seed": seed}
+    made = {"rpil": version("rpil"), "command": for_others(command), "seed": seed}
     return made | {"settings": settings, "files": [digest(path) for path in files if path is not None]}
 
 
@@ -53,13 +54,12 @@ def changed_settings(given: object, default: object, name: str = "") -> dict[str
 
 
 def digest(path: StrPath) -> dict[str, str | int]:
-    """Size and SHA-256 of a file; of a folder, the SHA-256 of the names and digests of its files.
-
-    Files of more than 256 MiB in all count by names and sizes alone. Nothing is read of an address, or of hidden files.
-    """
+    """Size and SHA-256 of a file; of a folder, the SHA-256 of the names and digests of its files, but for hidden ones.
+    Files of more than 256 MiB in all count by names and sizes alone."""
     place, sha256 = Path(path), hashlib.sha256()
     inside = sorted(place.rglob("*")) if place.is_dir() else [place]
-    files = [file for file in inside if file.is_file() and not any(map(is_hidden, file.relative_to(place).parts))]
+    shown = (file for file in inside if not any(part.startswith(".") for part in file.relative_to(place).parts))
+    files = [file for file in shown if file.is_file()]
     n_bytes, found = sum(file.stat().st_size for file in files), sha256
     for file in files:
         found = hashlib.sha256(str(file.stat().st_size).encode())

@@ -115,7 +115,7 @@ def parts_not_judged(data: FitData) -> tuple[str, ...]:
     """A sentence that names the parts of the action that do not move, and so are not judged; none where all are."""
     if data.judged is None or data.judged.all():
         return ()
-    names = [*map(data.action_name, range(len(data.judged)))]
+    names = data.action_names or range(len(data.judged))
     resting = listed(compress(names, ~data.judged), last=", ")
     return (f"{(~data.judged).sum()} of {len(names)} parts of the action never move, and do not count: {resting}.",)
 
@@ -272,7 +272,7 @@ def _far_part(evidence: StepEvidence, rows: Int[Array, " R"], steps: Int[Array, 
     if away[own] <= 0:
         return ""
     data = evidence.data
-    name = data.action_name(j) if data.action_names else f"action part {j}" if data.space.n_parts > 1 else "action"
+    name = data.action_names[j] if data.action_names else f"action part {j}" if data.space.n_parts > 1 else "action"
     its = f"at step {steps[own]}: {printable(name)} is"
     differences = [size for size in (high[own] - low[own], away[own]) if size > 0]
     decimals = max(0, -math.floor(math.log10(min(differences))))  # the digits that tell the value and the band apart

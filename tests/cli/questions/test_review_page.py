@@ -4,8 +4,9 @@ import re
 
 import pytest
 
+from asked import read_answers
 from browser import needs_chromium
-from rpil.data.id_values import read_answer_rows, read_answers
+from rpil.data.id_values import read_answer_rows
 from served import need_server, review_of, serving
 
 need_server()

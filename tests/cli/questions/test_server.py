@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import lerobot_folders
+from asked import read_answers
 from rpil.cli.questions.session import EpisodeVideos
-from rpil.data.id_values import read_answers
 from rpil.results.html.page import make_view
 from served import need_server, review_of, serving
 

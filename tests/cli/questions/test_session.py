@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from asked import read_answers
 from rpil.cli.questions.session import Session, next_question, rows_of
 from rpil.data.errors import DataError
-from rpil.data.id_values import read_answers
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 
 import lerobot_folders
+from asked import read_answers
 from browser import needs_chromium
 from rpil import RPIL, read
 from rpil.cli.questions.session import EpisodeVideos
-from rpil.data.id_values import AnswerRow, read_answer_rows, read_answers
+from rpil.data.id_values import AnswerRow, read_answer_rows
 from served import need_server, review_of, serving
 from small import FAST
 

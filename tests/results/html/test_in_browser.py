@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from asked import read_answers
 from audits import make_audit
 from browser import Browser, needs_chromium
-from rpil.data.id_values import read_answers
 from rpil.faults.report import FaultReport
 from rpil.faults.rule import Fault
 from rpil.results.answering import looking_order

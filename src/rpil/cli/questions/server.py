@@ -275,11 +275,6 @@ def _changed(review: Review, change: PageChange, body: bytes) -> tuple[View, int
             return {"error": error.in_shell}, 400
 
 
-def listen() -> socket.socket:
-    """A socket of this computer alone, at any free port."""
-    return socket.create_server(("127.0.0.1", 0))
-
-
 def serve(served: Application, at: socket.socket) -> None:
     """Answer requests until the process is interrupted."""
     import uvicorn
