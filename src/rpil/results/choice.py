@@ -101,12 +101,11 @@ def choose(
     labels, said = (table.get(name, [""] * len(ids)) for name in ("label", "said"))
     kept, rejected = list[Id](), {rule: list[Id]() for rule in KEEP_RULES}
     failure, notes, rules = Choice.failure, list[str](), [str(rule or "") for rule in table["rejected_by"]]
-    for name, rule in zip(ids, rules, strict=True):
-        if rule and rule not in KEEP_RULES:
-            rest = f"{rule!r} is unknown; write one of {', '.join(KEEP_RULES)}"
-            raise DataError(f"Demonstration {name!r}: the rejected by {rest}.")
     every = zip(ids, labels, map(str, said), rules, _below(table, share), strict=True)
     for name, label, how, by_audit, below in every:
+        if by_audit and by_audit not in KEEP_RULES:
+            rest = f"{by_audit!r} is unknown; write one of {', '.join(KEEP_RULES)}"
+            raise DataError(f"Demonstration {name!r}: the rejected by {rest}.")
         is_spared, rule = str(name) in spared, "" if label else by_audit
         if label == "bad":
             rule = "labels"
