@@ -136,8 +136,8 @@ REFUSED = {
     ),
     "no rows": ("episode,step,x,action\n", "it has no rows; write one for each step below the names of its columns"),
     "no id": (
-        text({"versuch": RUN, "x": X[:, 0], "action": TURN}),
-        "no column says which demonstration .*'versuch', 'x'",
+        text({"versuch": RUN, "x": X[:, 0], "turn": TURN}),
+        "no column says which demonstration .*'versuch', 'x'.*; no column holds the action either: .* with action=",
     ),
     "spaces": (text(BASE, " "), "it has one column, 'episode step x v action'; write commas, semicolons or tabs"),
 }
