@@ -12,6 +12,7 @@ import math
 import os
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ import numpy as np
 from rpil.data.archive import rpil_version, stored
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath, is_hidden
-from rpil.data.text import for_others
+from rpil.data.text import for_others, quoted
 from rpil.inference.answers import Answers
 from rpil.inference.settings import JudgeSettings
 from rpil.numerics.types import Array, Float, Int
@@ -216,10 +217,13 @@ class Judged:
         DataError
             If there is none.
         """
-        if demonstration not in self.ids:
-            known = ", ".join(map(repr, self.ids[:5])) + ", ..." * (len(self.ids) > 5)
-            raise DataError(f"No demonstration is called {demonstration!r}; choose one of the ids {known}.")
-        return self.ids.index(demonstration)
+        if demonstration not in self._places:
+            raise DataError(f"No demonstration is called {demonstration!r}; choose an id of {quoted(self.ids, 5)}.")
+        return self._places[demonstration]
+
+    @cached_property
+    def _places(self) -> dict[Hashable, int]:
+        return {name: m for m, name in enumerate(self.ids)}
 
     def steps(self, index: int) -> slice:
         """The rows of demonstration `index`."""

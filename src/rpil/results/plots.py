@@ -54,7 +54,7 @@ class AuditPlots:
         """
         ax, lowest = _axes(ax, (9.0, 2.8)), int(self.audit.ranking()[-1])
         index = lowest if demonstration is None else self.audit.index(demonstration)
-        ratio, marks = self.audit.step_log_ratio[self.audit.steps(index)], self.audit.worst_steps(index)
+        ratio, marks = self.audit.step_log_ratio[self.audit.steps(index)], self.audit.worst_steps(self.audit.ids[index])
         steps, mean = np.arange(len(ratio)), running_mean(ratio)
         ax.plot(steps, ratio, ".", color=COLOURS["open"], markersize=3, alpha=0.6)
         ax.axhline(0, color=COLOURS["open"], linewidth=0.8)

@@ -77,8 +77,7 @@ class AuditResult(Judged):
 
     def verdict_counts(self, ids: Sequence[Hashable] | None = None) -> dict[str, int]:
         """The number of demonstrations with each verdict: of all, or of those called `ids`."""
-        verdict_of: dict[Hashable, str] = dict(zip(self.ids, self.verdicts, strict=True))
-        verdicts = [verdict_of[name] for name in (self.ids if ids is None else ids)]
+        verdicts: Sequence[str] = self.verdicts if ids is None else [self.verdicts[self.index(name)] for name in ids]
         own = (self.vocabulary.upper, "open", self.vocabulary.lower)
         # Where tasks are judged by themselves, some may have an anchor and others none.
         return {one: verdicts.count(one) for one in SIDES if one in own or one in self.verdicts}
@@ -124,9 +123,8 @@ class AuditResult(Judged):
         """
         known = answering.merged(replace(self, answers=self.answers.unsaid) if instead else self, labels or {}, pairs)
         if not known.count and self.anchor == "answers":
-            raise DataError(
-                "No answer would be left; take the audit before answered(), or call rpil.audit without any."
-            )
+            way = "take the audit before answered(), or call rpil.audit without any"
+            raise DataError(f"No answer would be left; {way}.")
         return answering.with_answers(self, known)
 
     @property
@@ -140,9 +138,9 @@ class AuditResult(Judged):
         whole = [WHOLE] * (self.anchor == "named adversary")
         return *self.method, FINDINGS[self.finding], self.vocabulary.explanation, learned, *whole
 
-    def worst_steps(self, index: int, k: int = 5) -> list[int]:
-        """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""
-        ratio = self.step_log_ratio[self.steps(index)]
+    def worst_steps(self, demonstration: Hashable, k: int = 5) -> list[int]:
+        """Up to `k` steps with the lowest log-ratios below 0 of the demonstration with this id, counted from 0."""
+        ratio = self.step_log_ratio[self.steps(self.index(demonstration))]
         return [int(n) for n in np.argsort(ratio, kind="stable")[:k] if ratio[n] < 0]
 
     def step_trust(self, index: int) -> Float[Array, " n"]:
@@ -219,7 +217,7 @@ class AuditResult(Judged):
                 {
                     **{name: column[m] for name, column in columns.items()},
                     "evidence": {name: float(part[m]) for name, part in self.evidence.items()},
-                    "worst_steps": self.worst_steps(m),
+                    "worst_steps": self.worst_steps(self.ids[m]),
                     "facts": {name: values[m] for name, values in self.facts.items()},
                 }
                 for m in answering.looking_order(self)[0]

@@ -133,7 +133,7 @@ def _columns(audit: AuditResult, about: About) -> View:
         **{name: list(table[name]) for name in as_in_table},
         "p": [p if audit.verdicts[m] in shown else None for m, p in enumerate(audit.expert_proba.tolist())],
         "evidence": parts if len(parts) > 1 else {},
-        "worst": [audit.worst_steps(m) for m in range(len(names))],
+        "worst": [audit.worst_steps(name) for name in audit.ids],
         "stretch": [worst_stretch(audit.log_ratio(m)) for m in range(len(names))],
         "look": (np.array(table["look"]) - 1).tolist(),
         "group": [letters.get(name, "") for name in audit.ids],
