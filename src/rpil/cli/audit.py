@@ -193,7 +193,7 @@ def _columns(audit: Audit, shown: Sequence[int], all_rows: bool) -> dict[str, li
     columns = {
         "id": [printable(audit.ids[m]) if all_rows else short_id(audit.ids[m]) for m in shown],
         **({"place": [f"{audit.ranks[m]:,}" for m in shown]} if {*words} == {"open"} else {"verdict": coloured}),
-        "score": [f"{value:+,.{digits}f}" for value in audit.log_odds[[*shown]].tolist()],
+        "score": [f"{round(value, digits) + 0.0:+,.{digits}f}" for value in audit.log_odds[[*shown]].tolist()],
     }
     if all_rows:
         more = {"why": [printable(audit.reasons[m]) for m in shown]}
