@@ -172,11 +172,9 @@ def print_finding(audit: Audit) -> None:
 
 
 def odd_lines(report: FaultReport) -> list[str]:
-    """How many recordings are odd, and the worst one."""
+    """How many recordings are odd, and the worst one; or that there is none, and what was not looked for."""
     if not report.findings:
-        why = report.not_checked.get("duplicate")  # which is looked for wherever anything is
-        said = f"Recording faults were not looked for: {why}." if why else "No recording faults found."
-        return fit(said, line_width(), 2)
+        return fit(report.headline, line_width(), 2)
     worst, n = report.lines[0], len({found.id for found in report.findings})
     count = f"{n:,} recordings are odd, most of all" if n > 1 else "1 recording is odd:"
     who = short_id(worst.id) if worst.id != "" else "the set"
