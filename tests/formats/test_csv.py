@@ -135,6 +135,10 @@ REFUSED = {
         "a quotation begins and does not end in .*, its names",
     ),
     "no rows": ("episode,step,x,action\n", "it has no rows; write one for each step below the names of its columns"),
+    "a word among decimal commas": (
+        "episode;x;action\n" + 9 * "1;0,5;1,5\n" + "1;O,5;0,5\n",
+        r"a\.csv, demonstration 1, row 10: column 'x' holds text \('O,5'\), not numbers; write numbers",
+    ),
     "no id": (
         text({"versuch": RUN, "x": X[:, 0], "turn": TURN}),
         "no column says which demonstration .*'versuch', 'x'.*; no column holds the action either: .* with action=",
