@@ -153,10 +153,9 @@ class _Search:
             wanted = STRETCH
         if wanted is None:
             what = f"says which demonstration a row is from: name it {spellings.EPISODE[0]}, or name the column"
-            more = ", or end demonstrations at pauses with --split-gap"
-            if not self.options.action and not self.actions(given)[0]:
-                more += "; no column holds the action either: name it with --action"
-            raise self.no_column(what, "id", more)
+            lacks = not self.options.action and not self.actions(given)[0]
+            more = "; no column holds the action either: name it with --action" * lacks
+            raise self.no_column(what, "id", f", or end demonstrations at pauses with --split-gap{more}")
         others = [name for name in found if name != wanted]
         self.ignored |= dict.fromkeys(others, "another id")
         return wanted, others
