@@ -39,7 +39,7 @@ def main(ctx: click.Context, /) -> None:
         click.echo(ctx.get_help())
 
 
-UNDECIDED = "Until you call one good and another one bad, it rejects only what you name; rpil audit says what to look at."
+UNDECIDED = "Until you call one good and one bad, only what you name is rejected; rpil audit says what to look at."
 SHARE = "Keep the top of the ranking whatever the verdicts: .8 keeps four fifths, without those you label bad."
 SET = "Print the set in one table, in Markdown: how each action moves, and problems for a trainer."
 
