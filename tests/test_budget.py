@@ -22,7 +22,7 @@ BUDGETS = {
     "cli": (2220, 22),
     "data": (2428, 28),
     "estimators": (1867, 18),
-    "faults": (2984, 122),
+    "faults": (2980, 122),
     "formats": (5262, 54),
     "inference": (2228, 94),
     "mixture": (797, 20),

@@ -198,8 +198,7 @@ def write_kept(path: StrPath, audit: AuditResult, choice: Choice) -> None:
     Ids are in the order of the data. Whole numbers are written as such: then the list is what LeRobot takes as the
     episodes of a data set. A `DataError` where the path has another extension, or cannot be written.
     """
-    made = {"provenance": audit.provenance} if audit.provenance else {}
-    content = choice.to_dict() | {"run": audit.run_id} | made
+    content = choice.to_dict() | {"run": audit.run_id} | ({"provenance": audit.provenance} if audit.provenance else {})
     with replacing(check_extension(path, (".json",), "demonstrations to keep")) as temporary:
         temporary.write_text(json.dumps(content, allow_nan=False, indent=1) + "\n", encoding="utf-8")
 

@@ -12,7 +12,6 @@ import math
 import os
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -217,13 +216,9 @@ class Judged:
         DataError
             If there is none.
         """
-        if demonstration not in self._places:
+        if demonstration not in self.ids:
             raise DataError(f"No demonstration is called {demonstration!r}; choose an id of {quoted(self.ids, 5)}.")
-        return self._places[demonstration]
-
-    @cached_property
-    def _places(self) -> dict[Hashable, int]:
-        return {name: m for m, name in enumerate(self.ids)}
+        return self.ids.index(demonstration)
 
     def steps(self, index: int) -> slice:
         """The rows of demonstration `index`."""

@@ -24,7 +24,7 @@ from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id, looking_order, n_first
 from rpil.results.judged import Judged
-from rpil.results.reasons import Fact, known_facts, reasons_of, worst_stretch
+from rpil.results.reasons import Fact, known_facts, reasons_of, worst_steps, worst_stretch
 from rpil.results.vocabulary import SIDES, WORSE, in_numbers, numbered, short_id
 
 if TYPE_CHECKING:
@@ -77,7 +77,8 @@ class AuditResult(Judged):
 
     def verdict_counts(self, ids: Sequence[Hashable] | None = None) -> dict[str, int]:
         """The number of demonstrations with each verdict: of all, or of those called `ids`."""
-        verdicts: Sequence[str] = self.verdicts if ids is None else [self.verdicts[self.index(name)] for name in ids]
+        verdict_of: dict[Hashable, str] = dict(zip(self.ids, self.verdicts, strict=True))
+        verdicts = [verdict_of[name] for name in (self.ids if ids is None else ids)]
         own = (self.vocabulary.upper, "open", self.vocabulary.lower)
         # Where tasks are judged by themselves, some may have an anchor and others none.
         return {one: verdicts.count(one) for one in SIDES if one in own or one in self.verdicts}
@@ -140,8 +141,7 @@ class AuditResult(Judged):
 
     def worst_steps(self, demonstration: Hashable, k: int = 5) -> list[int]:
         """Up to `k` steps with the lowest log-ratios below 0 of the demonstration with this id, counted from 0."""
-        ratio = self.step_log_ratio[self.steps(self.index(demonstration))]
-        return [int(n) for n in np.argsort(ratio, kind="stable")[:k] if ratio[n] < 0]
+        return worst_steps(self.step_log_ratio[self.steps(self.index(demonstration))], k)
 
     def step_trust(self, index: int) -> Float[Array, " n"]:
         """P(the `NEAR` steps around each step of demonstration `index` are like those of the trusted), all alike."""
@@ -217,7 +217,7 @@ class AuditResult(Judged):
                 {
                     **{name: column[m] for name, column in columns.items()},
                     "evidence": {name: float(part[m]) for name, part in self.evidence.items()},
-                    "worst_steps": self.worst_steps(self.ids[m]),
+                    "worst_steps": worst_steps(self.step_log_ratio[self.steps(m)]),
                     "facts": {name: values[m] for name, values in self.facts.items()},
                 }
                 for m in answering.looking_order(self)[0]
