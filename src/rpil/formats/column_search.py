@@ -170,9 +170,9 @@ class _Search:
                 return [name for name in found if self.owners[name] == self.owners[best]], True
             parts = ((name, plain) for name, plain in free if part.fullmatch(plain))
             numbers = [name for name, plain in parts if plain[-1].isdigit() or self.kinds[name] in (*_NUMBERS, "text")]
-            about = {name for name in numbers if spellings.ABOUT_ACTION.fullmatch(self.plain[name])}
-            if found := [name for name in numbers if name not in about or self.kinds[name] == "text"]:
-                return found, len(found) == 1 and self.kinds[found[0]] == "text"  # as the type of a click
+            types = {m for m in numbers if self.kinds[m] == "text" and self.plain[m].endswith("_type")}  # as click
+            if found := [m for m in numbers if m in types or not spellings.ABOUT_ACTION.fullmatch(self.plain[m])]:
+                return found, len(found) == 1 and self.kinds[found[0]] == "text"
         driven = [(name, plain) for name, plain in free if self.kinds[name] in _NUMBERS]
         has_wheel = any(spellings.STEERING.fullmatch(plain) for _, plain in driven)  # which pedals alone may lack
         words = spellings.STEERING, spellings.PEDAL

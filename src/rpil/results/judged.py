@@ -217,7 +217,7 @@ class Judged:
             If there is none.
         """
         if demonstration not in self.ids:
-            raise DataError(f"No demonstration is called {demonstration!r}; choose an id of {quoted(self.ids, 5)}.")
+            raise DataError(f"No demonstration is called {demonstration!r}; choose from the ids {quoted(self.ids, 5)}.")
         return self.ids.index(demonstration)
 
     def steps(self, index: int) -> slice:
