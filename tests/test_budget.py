@@ -19,10 +19,10 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (2190, 20),
+    "cli": (2189, 20),
     "data": (2349, 28),
     "estimators": (1800, 18),
-    "faults": (2963, 122),
+    "faults": (2959, 122),
     "formats": (5229, 54),
     "inference": (2242, 94),
     "mixture": (797, 20),
@@ -35,13 +35,13 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 23_500, 2_069, 23_994
+LINES, PAGE_LINES, TEST_LINES = 23_495, 2_069, 23_976
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0
 """Names of types and of files with two meanings, and context variables, at most."""
 
-FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 614, 68
+FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 611, 68
 """Functions and files of rpil that one audit of a small CSV runs, at most."""
 
 PASSES = {"episode": 1, "step": 2, "observation.x": 2, "action": 2}

@@ -86,11 +86,18 @@ def test_an_audit_is_25_lines_of_80_columns_and_with_all_rows_nothing_is_left_ou
 
 
 def test_no_fault_is_a_sentence_and_one_is_one(capsys):
-    assert odd_lines(FaultReport((), {}, {}, {}, {}, 4, 99)) == ["No recording faults found."]
+    assert odd_lines(FaultReport((), {}, {}, {}, {}, 4, 99)) == [
+        "No recording faults found in 4 demonstrations (99 steps)."
+    ]
     assert len(odd_lines(FaultReport((), {"duplicate": "a long reason " * 20}, {}, {}, {}, 4, 99))) == 2
     one, command = odd_lines(FaultReport(faults(["a"]).findings[:1], {}, {}, {}, {}, 4, 99))[::2]
     assert one.startswith("1 recording is odd: a: action_steer leaps by")
     assert command == "  All: rpil check."
+
+
+def test_a_score_that_rounds_to_zero_has_no_sign_of_a_minus(capsys):
+    print_audit(dataclasses.replace(KINDS["nobody"], log_odds=np.full(40, -1e-9)))
+    assert "-0.000" not in capsys.readouterr().out
 
 
 def at_terminal(monkeypatch, columns: str) -> io.StringIO:

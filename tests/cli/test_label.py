@@ -89,12 +89,8 @@ def test_the_last_lines_say_that_another_program_removed_the_answers(audit):
 @pytest.mark.parametrize("command", ["label", "review"])
 def test_a_link_to_nothing_is_refused_before_anything_is_judged(command):
     Path("labels.csv").symlink_to("elsewhere.csv")
-    refused(
-        r"labels\.csv: it is a link that leads to nothing; remove it, or give another file",
-        command,
-        "no-data.parquet",
-        "-q",
-    )
+    said = r"labels\.csv: it is a link that leads to nothing; remove it, or give another file"
+    refused(said, command, "no-data.parquet", "-q")
     assert not Path("elsewhere.csv").exists()
     assert Path("labels.csv").is_symlink()
 

@@ -26,6 +26,7 @@ FILES = {
     "labels.csv": "id,label\n0,good\n3,bad\n1,better than 8\n",
     "faults.json": '{"spike": [4, 5], "idle-head": "all"}',
     "unknown.csv": "id,label\n77,bad\n",
+    "unknown.json": '{"spike": ["4", "77"]}',
     "columns.csv": "id,what\n1,bad\n",
     "opposed.csv": "id,label\n3,same as 4\n4,better than 3\n",
     "all-bad.csv": "id,label\n" + "".join(f"{m},bad\n" for m in range(24)),

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from problems import refused
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
 
 T = 4
 X = np.arange(15.0).reshape(5, 3)  # with the observation after the last action
@@ -82,7 +82,5 @@ def test_parts_of_observations_become_named_columns(observations, names):
     ],
 )
 def test_what_cannot_be_read_is_refused_in_one_sentence(episode, message):
-    with pytest.raises(DataError, match=message) as caught:
+    with refused(message):
         Demonstrations.from_episodes([({"a": X}, Y), episode])
-    assert str(caught.value).count(". ") == 0
-    assert str(caught.value).endswith(".")

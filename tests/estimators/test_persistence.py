@@ -3,7 +3,8 @@ import pytest
 from sklearn.linear_model import LogisticRegression
 from sklearn.tree import DecisionTreeClassifier
 
-from archives import mountain_car, npy, refused, rewrite
+import problems
+from archives import LOST, mountain_car, npy, refused, rewrite
 from rpil import RPIL, BehavioralCloning, RMEnt, load, save
 from rpil.data.errors import DataError
 from rpil.mixture.adversaries.discrete import Uniform
@@ -32,10 +33,18 @@ def test_loaded_rment_has_the_same_weights(data, tmp_path):
     for name in ("weights_", "log_likelihood_", "ids_", "objective_", "n_iter_", "converged_"):
         np.testing.assert_array_equal(getattr(loaded, name), getattr(model, name))
     rewrite(path, {"weights.npy": npy(np.ones(7))})
-    refused(path, "do not belong together")
+    refused(path, LOST)
     save(model, path)
     rewrite(path, header=lambda tree: tree["fitted"]["ids_"].pop())
-    refused(path, "do not belong together")
+    refused(path, LOST)
+
+
+@pytest.mark.parametrize("low", [-np.inf, np.nan, 1.0])
+def test_bounds_of_actions_are_finite_and_in_order(low, tmp_path):
+    save(BehavioralCloning().fit(np.arange(20.0)[:, None], np.linspace(0, 1, 20)[:, None]), tmp_path / "p")
+    assert load(tmp_path / "p").space_.low == [0.0]
+    rewrite(tmp_path / "p", {"space/low.npy": npy(np.array([low]))})
+    refused(tmp_path / "p", LOST)
 
 
 @pytest.mark.parametrize(
@@ -70,8 +79,6 @@ def test_save_refuses_other_and_unfitted_estimators(tmp_path):
 
     with pytest.raises(NotFittedError):
         save(RPIL(), tmp_path / "p")
-    with pytest.raises(
-        DataError, match="a LogisticRegression cannot be saved; save one of RPIL, RMEnt, BehavioralCloning"
-    ):
+    with problems.refused("a LogisticRegression cannot be saved; save one of RPIL, RMEnt, BehavioralCloning"):
         save(LogisticRegression(), tmp_path / "p")
     assert not list(tmp_path.iterdir())

@@ -45,7 +45,7 @@ LAYOUTS = [
         STEPS | {"next_obs": np.where(IS_LAST[:, None], 9, np.roll(STATES, -1, axis=0))},
     ),
     (f"{EACH}, as long as lengths says.", ROWS | {"lengths": np.array(LENGTHS)}),
-    (f"{EACH}, as long as mask", {"states": ROWS["obs"], "acts": ROWS["actions"], "mask": stacked(OWNERS >= 0)}),
+    (f"{EACH}, as long as valid", {"states": ROWS["obs"], "acts": ROWS["actions"], "valid": stacked(OWNERS >= 0)}),
     (f"{EACH}, which ends at dones.", ROWS | {"dones": np.arange(T) == np.array(LENGTHS)[:, None] - 1}),
     (f"{EACH}, as long as", ROWS | {"obs": stacked(STATES, T + 1), "lengths": np.array(LENGTHS)}),
 ]
@@ -147,6 +147,7 @@ def test_stacked_demonstrations_without_lengths_have_as_many_steps_each(written)
         (STEPS | {"next_observations": np.ones((N, 2))}, "after 14 of 15 steps.* the order of the steps was lost"),
         (STEPS | {"next_obs": STATES[1:]}, r"next_obs has the shape \(14, 2\) and observations \(15, 2\)"),
         (ROWS | {"lengths": np.array([T, T + 1, 1])}, f"lengths must be 1 to {T} for each of {M} demonstrations"),
+        (ROWS | {"mask": np.ones((M, T - 1))}, rf"mask has the shape \({M}, {T - 1}\) for actions of \({M}, {T}\)"),
         (ROWS | {"dones": np.eye(M, T) + np.eye(M, T, 2)}, "dones end more than one demonstration in .* first index 0"),
         ({"actions_0": STATES, "states_0": STATES}, "nothing says .*; add .*, or write a group with actions and obs"),
     ],

@@ -60,7 +60,7 @@ def test_trajectories_are_read_and_frames_are_fitted(problem):
 @pytest.mark.parametrize(
     ("columns", "message"),
     [
-        ({"observation.x": [1.0, 2.0], "action": [0, 1]}, "the frame: no column says which demonstration"),
+        ({"obs_x": [1.0, 2.0], "action": [0, 1]}, "the frame: no column says which demonstration .* with split_gap=.$"),
         ({"episode": [0, 0], "obs_x": [object(), 1], "action": [0, 1]}, "the frame: a column holds values"),
     ],
 )

@@ -8,9 +8,9 @@ import pyarrow.parquet as pq
 import pytest
 
 import rpil
+from problems import refused
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.registry import find
 from samples import assert_same
@@ -82,7 +82,5 @@ def test_what_is_no_array_is_not_read(tmp_path, demonstrations):
 
 def test_ids_and_path_in_the_wrong_order_are_told(tmp_path, demonstrations):
     formats.write(tmp_path / "all.csv", demonstrations)
-    with pytest.raises(
-        DataError, match=r"ids are one text, 'some\.csv'; give a sequence of ids, and then the new path"
-    ):
+    with refused(r"ids are one text, 'some\.csv'; give a sequence of ids, and then the new path"):
         rpil.open(tmp_path / "all.csv").keep("some.csv", [0])

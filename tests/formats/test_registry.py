@@ -1,7 +1,7 @@
 import pytest
 
 import rpil
-from rpil.data.errors import DataError
+from problems import refused
 from rpil.formats.registry import find
 from samples import assert_same_on_disk, lerobot
 
@@ -9,18 +9,16 @@ from samples import assert_same_on_disk, lerobot
 @pytest.mark.parametrize("name", ["out.csv", "out.hdf5", "out.zip"])
 def test_a_folder_is_no_file(tmp_path, name):
     source = find(lerobot(tmp_path))
-    with pytest.raises(DataError, match="the data are a folder, so name a folder"):
+    with refused("the data are a folder, so name a folder"):
         source.keep(tmp_path / name, ["0"])
     (tmp_path / "notes").touch()
-    with pytest.raises(DataError, match="notes: it is there already; give the path of a new folder"):
+    with refused("notes: it is there already; give the path of a new folder"):
         source.check_output(tmp_path / "notes")  # before any work
 
 
 @pytest.mark.parametrize("address", ["s3://KEY:HIDDEN@bucket/data", "https://a.org/x.csv?token=HIDDEN", "hf://a/b/c"])
 def test_addresses_are_not_read_and_their_secrets_not_shown(address):
-    with pytest.raises(
-        DataError, match=rf"^{address.partition('://')[0]}://\.\.\.: addresses are not read; download the"
-    ):
+    with refused(rf"^{address.partition('://')[0]}://\.\.\.: addresses are not read; download the"):
         find(address)
 
 
@@ -54,5 +52,5 @@ def test_another_package_adds_a_format(tmp_path, monkeypatch):
     recording.keep(["2"], tmp_path / "ids.txt")
     assert (tmp_path / "ids.txt").read_text() == "2\n"
     (tmp_path / "b.walk").write_text("12 x")
-    with pytest.raises(DataError, match=r"b\.walk: .*could not convert"):
+    with refused(r"b\.walk: .*could not convert"):
         rpil.open(tmp_path / "b.walk")

@@ -49,6 +49,15 @@ def test_a_folder_of_lerobot_within_is_named(tmp_path):
         formats.read_recording(meta)
 
 
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_each_file_is_a_demonstration_where_no_column_names_one(tmp_path, suffix):
+    columns = {"file": ["a.png", "b.png"], "obs": [0.0, 0.5], "action": [0.5, 1.5]}
+    for name in ("one/1", "one/2", "two/1"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        formats.write_columns(tmp_path / f"{name}{suffix}", columns, "steps")
+    assert formats.read(tmp_path).ids == ("one/1", "one/2", "two/1")
+
+
 def test_text_beside_tables_is_left_out_and_named(tmp_path):
     table = "step,x,action\n" + "".join(f"{k},{k * k},{k % 2}\n" for k in range(6))
     for name in ("a.txt", "b.txt"):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from audits import make_audit
-from rpil.data.errors import DataError
+from problems import refused
 from rpil.inference.answers import Answers
 from rpil.results.answering import rejecting_rules
 from rpil.results.choice import KEEP_RULES, choose, read_verdicts, write_verdicts
@@ -166,9 +166,7 @@ def test_the_file_of_an_audit_says_the_same_as_the_audit(tmp_path):
 
 
 def test_unknown_rules_are_refused():
-    with pytest.raises(
-        DataError, match="Demonstration 'c': the rejected by 'me' is unknown; write one of labels, outc"
-    ):
+    with refused("Demonstration 'c': the rejected by 'me' is unknown; write one of labels, outc"):
         choose({"id": ["a", "b", "c"], "rejected_by": ["", "answers", "me"]})
 
 
@@ -176,7 +174,7 @@ def test_labels_are_verdicts(tmp_path):
     (tmp_path / "labels.csv").write_text("id,label\n3,good\n4,bad\n5,expert\n")
     choice = choose(table := read_verdicts(tmp_path / "labels.csv"))
     assert (choice.kept, choice.rejected) == (("3", "5"), {"labels": ("4",)})
-    with pytest.raises(DataError, match="no numbers in log_odds"):
+    with refused("no numbers in log_odds"):
         choose(table, share=0.5)
 
 
@@ -194,13 +192,13 @@ def test_files_that_are_no_verdicts_are_refused(tmp_path):
     other = "it is not the list of rpil audit --keep; give that, the CSV of --verdicts, or labels"
     for text, said in {"": "the file is empty", "[]": other, '[{"id": 1, "verdict": "good"}]': other}.items():
         (tmp_path / "v.json").write_text(text)
-        with pytest.raises(DataError, match=rf"v\.json: .*{said}"):
+        with refused(rf"v\.json: .*{said}"):
             read_verdicts(tmp_path / "v.json")
     (tmp_path / "old.csv").write_text("id,verdict,label\n1,good,\n")
-    with pytest.raises(DataError, match=r"old\.csv: it has no column rejected_by; write it again with rpil audit"):
+    with refused(r"old\.csv: it has no column rejected_by; write it again with rpil audit"):
         read_verdicts(tmp_path / "old.csv")
     (tmp_path / "pairs.csv").write_text("id,label\n1,better than 2\n")
-    with pytest.raises(DataError, match=r"pairs\.csv: it labels no demonstration"):
+    with refused(r"pairs\.csv: it labels no demonstration"):
         read_verdicts(tmp_path / "pairs.csv")
 
 

@@ -15,9 +15,9 @@ from rpil.results.vocabulary import short_id
 
 def test_worst_steps_are_the_most_negative_and_never_positive():
     ratio = np.concatenate([[1.0, -2.0, 0.0], [5.0], [-1.0, -3.0, 2.0, -1.0], [-np.inf, 0.5], [-6, -2, -4, -3, -5]])
-    audit = make_audit(("open",) * 5, lengths=[3, 1, 4, 2, 5], step_log_ratio=ratio)
-    assert [audit.worst_steps(m) for m in range(5)] == [[1], [], [1, 0, 3], [0], [0, 4, 2, 3, 1]]
-    assert audit.worst_steps(4, k=2) == [0, 4]
+    audit = make_audit(("open",) * 5, ids=(4, 3, 2, 1, 0), lengths=[3, 1, 4, 2, 5], step_log_ratio=ratio)
+    assert [*map(audit.worst_steps, (4, 3, 2, 1, 0))] == [[1], [], [1, 0, 3], [0], [0, 4, 2, 3, 1]]
+    assert audit.worst_steps(0, k=2) == [0, 4]
     np.testing.assert_array_equal(audit.step_log_ratio[audit.steps(2)], [-1.0, -3.0, 2.0, -1.0])
 
 

@@ -172,11 +172,9 @@ def print_finding(audit: Audit) -> None:
 
 
 def odd_lines(report: FaultReport) -> list[str]:
-    """How many recordings are odd, and the worst one."""
+    """How many recordings are odd, and the worst one; or that there is none, and what was not looked for."""
     if not report.findings:
-        why = report.not_checked.get("duplicate")  # which is looked for wherever anything is
-        said = f"Recording faults were not looked for: {why}." if why else "No recording faults found."
-        return fit(said, line_width(), 2)
+        return fit(report.headline, line_width(), 2)
     worst, n = report.lines[0], len({found.id for found in report.findings})
     count = f"{n:,} recordings are odd, most of all" if n > 1 else "1 recording is odd:"
     who = short_id(worst.id) if worst.id != "" else "the set"
@@ -193,7 +191,7 @@ def _columns(audit: Audit, shown: Sequence[int], all_rows: bool) -> dict[str, li
     columns = {
         "id": [printable(audit.ids[m]) if all_rows else short_id(audit.ids[m]) for m in shown],
         **({"place": [f"{audit.ranks[m]:,}" for m in shown]} if {*words} == {"open"} else {"verdict": coloured}),
-        "score": [f"{value:+,.{digits}f}" for value in audit.log_odds[[*shown]].tolist()],
+        "score": [f"{round(value, digits) + 0.0:+,.{digits}f}" for value in audit.log_odds[[*shown]].tolist()],
     }
     if all_rows:
         more = {"why": [printable(audit.reasons[m]) for m in shown]}

@@ -39,7 +39,8 @@ def main(ctx: click.Context, /) -> None:
         click.echo(ctx.get_help())
 
 
-UNDECIDED = "No two answers contrast yet; rpil audit names the demonstrations to look at, and asks."
+UNDECIDED = "Until you call one good and one bad, only what you name is rejected; rpil audit says what to look at."
+SHARE = "Keep the top of the ranking whatever the verdicts: .8 keeps four fifths, without those you label bad."
 SET = "Print the set in one table, in Markdown: how each action moves, and problems for a trainer."
 
 for command in (audit, check, label, review):
@@ -107,9 +108,9 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
 @main.command()
 @click.argument("file", type=click.Path())
 @click.option(
-    "-o", "--output", type=click.Path(), metavar="NEW", required=True, help="A new file or folder; or a list: ids.json."
+    "-o", "--output", type=click.Path(), metavar="NEW", required=True, help="A new file or folder, or ids.json: a list."
 )
-@click.option("--share", metavar="S", type=click.FloatRange(0, 1, min_open=True), help="Keep this share, as .8.")
+@click.option("--share", metavar="S", type=click.FloatRange(0, 1, min_open=True), help=SHARE)
 @click.option(
     "--verdicts",
     type=click.Path(),
@@ -118,10 +119,10 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
 )
 @options.with_options(options.faults_option, *options.JUDGE_OPTIONS)
 def keep(file: str, output: str, share: float | None, verdicts: str | None, **options: Any) -> None:
-    """Write the kept demonstrations to a new file of the same format; or, to ids.json, their list.
+    """Write the demonstrations to keep to a new file of the same format, or the list of their ids to ids.json.
 
-    It rejects those that you label bad and those with an outcome of 0. After two answers that contrast, it also
-    rejects those that the audit calls bad. --share chooses by the ranking instead.
+    It rejects those that you label bad, and those with an outcome of 0. Once you have called one good and another one
+    bad, it also rejects those that the audit calls bad. With --share it chooses by the ranking instead.
     """
     from rpil.formats.registry import find
 

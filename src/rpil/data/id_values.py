@@ -77,7 +77,7 @@ def read_answer_rows(path: StrPath) -> list[AnswerRow]:
 
     A `DataError` where there are none, or the file is no such one.
     """
-    rows = read_id_pairs(check_extension(path, (".csv",), "labels"), "label", AnswerRow._fields[2:])
+    rows = read_id_pairs(path, "label", AnswerRow._fields[2:])
     if not rows:
         raise DataError(f"{Path(path).name}: it labels no demonstration; give at least one id and label.")
     return [AnswerRow(*row) for row in rows]
@@ -223,7 +223,7 @@ def match_pairs(
 
 def is_id_file(where: str) -> bool:
     """Whether `where` names a file of ids and values rather than a column."""
-    return Path(where).suffix.lower() == ".csv"
+    return Path(where).suffix.lower() == ".csv" or ("." in where and Path(where).is_file())
 
 
 def match_demonstrators(pairs: Iterable[IdRow], source: str) -> dict[str, str]:
@@ -242,7 +242,7 @@ def match_demonstrators(pairs: Iterable[IdRow], source: str) -> dict[str, str]:
 
 def read_id_pairs(path: StrPath, column: str, more: Sequence[str] = ()) -> list[IdRow]:
     """Ids and values of a CSV file with the columns ``id`` and `column`, and perhaps `more`; an id may come twice."""
-    path = check_readable(path)
+    path = check_readable(check_extension(path, (".csv",), f"a table of id and {column}"))
     with guarded(path.name, "it cannot be read as CSV", "write it again"):
         rows, names, id_column = _csv_rows(read_text(path, LARGEST_TABLE))
         others = [name for name in names if name.strip().lower() in _OF_ROWS and name not in ("start", "end")]

@@ -94,8 +94,8 @@ def load(path: StrPath) -> SavedEstimator:
             action = estimator.space_.act(outputs)
             sound = np.isfinite(outputs).all() and np.isfinite(action).all() and (classes[:-1] < classes[1:]).all()
             sound &= len(classes) == getattr(estimator.space_, "n", 0)
-            if isinstance(estimator, RMEnt):
-                sound &= len(estimator.ids_) == len(estimator.weights_)
+            sound &= np.isfinite(getattr(estimator.space_, "log_volume", 0.0))  # of a box: each low < high, and finite
+            sound &= len(getattr(estimator, "ids_", ())) == len(getattr(estimator, "weights_", ()))
             if isinstance(estimator, RPIL):
                 sound &= estimator.state_ is None or np.isfinite(estimator.state_.prior.log).all()
         if not sound:

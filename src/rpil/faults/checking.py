@@ -14,9 +14,10 @@ from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations, DemonstrationSet
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
+from rpil.data.id_values import check_ids
 from rpil.faults import recorded, settings
 from rpil.faults.measured_columns import MovingBlock, column_labels, set_aside
-from rpil.faults.report import ALL, RULES, FaultReport
+from rpil.faults.report import ALL, RULES, FaultReport, rule_name
 from rpil.faults.rule import ComparingRule, Fault, Grouping, Learned, Measure, Measurements
 from rpil.faults.whole_rules import Duplicate, Length, OtherLag, trims
 from rpil.formats import ReadOptions, opened
@@ -34,7 +35,7 @@ def check(
     *,
     times: Times | None = None,
     fps: float | None = None,
-    expected: Mapping[str, Collection[str]] | None = None,
+    expected: Mapping[str, Id | Collection[Id]] | None = None,
     video: bool = False,
     **columns: Unpack[ReadOptions],
 ) -> FaultReport:
@@ -49,7 +50,7 @@ def check(
     fps : float, optional
         Frames a second, where the recording does not say.
     expected : mapping of rule to ids, optional
-        Expected findings, which are counted and left out.
+        Expected findings, which are counted and left out. A rule or an id that does not exist is an error.
     video : bool
         Also look at the videos of a folder of LeRobot, which needs the extra video.
     **columns
@@ -74,6 +75,11 @@ def check(
     recording = cast("Recording | Demonstrations | Dataset", data) if is_open else opened(data, options)
     times = _times_of(recording, times, fps)
     demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording
+    there, known = recording.ids, dict[str, set[str]]()
+    for rule, names in (expected or {}).items():
+        texts = {*map(str, [names] if isinstance(names, str | int) else names)}
+        check_ids(sorted(texts), (*there, ALL), demonstrations.source, "--expected")
+        known[rule_name(rule, "--expected")] = texts
     if isinstance(demonstrations, Dataset):
         layout = replace(demonstrations.layout, allows_missing=True, order="F")  # as rules go along columns
         demonstrations = replace(demonstrations, layout=layout)
@@ -86,9 +92,8 @@ def check(
     report = _check_steps(demonstrations, times, skip_bad, why, groups)
     if recorded.TIMESTAMPS not in {found.rule for found in beside}:
         beside += recorded.find_other_rate(times, demonstrations)
-    every, known = (*report.findings, *beside), expected or {}
-    findings = tuple(found for found in every if not {str(found.id), ALL} & {*known.get(found.rule, ())})
-    ids = tuple(demonstrations.ids)
+    every, ids = (*report.findings, *beside), tuple(demonstrations.ids)
+    findings = tuple(found for found in every if not {str(found.id), ALL} & known.get(found.rule, set()))
     return replace(report, findings=findings, n_expected=len(every) - len(findings), ids=ids, groups=groups)
 
 

@@ -196,10 +196,9 @@ class Conventions(ComparingRule):
         size = np.log(profile[..., units].std(axis=1) + 1e-9).mean(axis=1) if units else np.zeros(0)
         if units and max(size[~rows].min() - size[rows].max(), size[rows].min() - size[~rows].max()) < 0:
             return {}  # some are of the other part
-        few_alike = (alike & moves & known).sum() < 2
         if len(units) >= settings.SURE * len(known):
             return {c: way for c, way in found.items() if way[0] == "unit"}
-        if whole < 1 or few_alike:
+        if whole < 1 or (alike & moves & known).sum() < 2:
             return {}
         own = dict(zip(pairs.action.tolist(), pairs.state.tolist(), strict=True))
         other = {state: action for action, state in own.items()} | own if pairs.is_command else {}

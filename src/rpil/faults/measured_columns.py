@@ -184,12 +184,12 @@ def learn_columns(sample: Block, numbers: Int[Array, " M"], labels: tuple[str, .
         turns |= {n_observations + k: towards for k, towards in _quaternions(sample.actions).items()}
     columns = MeasuredColumns(names, number, number >= n_observations, ones, ones, ones, ones, quaternions=turns)
     moving = MovingBlock.of(sample, numbers, columns)
-    scale = np.array([_median_or_one(moved[moved > 0]) for moved in moving.size])
+    scale = np.array([np.median(moved[moved > 0]) if moved.any() else 1.0 for moved in moving.size])
     off = np.median(np.abs(moving.values - np.median(moving.values, axis=1, keepdims=True)), axis=1)
     spread = np.where(off > 0, off / 0.6745, moving.values.std(axis=1))
     columns = replace(columns, scale=scale, noise=_noise_at_rest(moving), spread=spread)
     moving = MovingBlock.of(sample, numbers, columns)
-    motion = _median_or_one(moving.motion[moving.motion > 0])
+    motion = float(np.median(moving.motion[moving.motion > 0])) if moving.motion.any() else 1.0
     moves = moving.motion > settings.IDLE_MOTION * motion
     share = (moving.size > 0)[:, moves].mean(axis=1) if moves.any() else ones
     columns = replace(columns, motion=motion, moving=share, memory=_memory(moving))
@@ -259,10 +259,6 @@ def _quaternions(values: Array) -> dict[int, Array]:
         if is_free and size[:, k : k + 4].std() > 0:
             found[k] = values[0, k : k + 4]
     return found
-
-
-def _median_or_one(values: Array) -> float:
-    return float(np.median(values)) if len(values) else 1.0
 
 
 def _is_measurement(column: Array) -> bool:

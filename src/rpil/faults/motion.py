@@ -140,9 +140,6 @@ class RepeatedFrames(ComparingRule):
         of the next."""
         changed = changed.copy()
         changed[offsets[:-1]] = True
-        if changed.all():
-            nothing = np.zeros(len(offsets) - 1, dtype=int)
-            return nothing, nothing + 1, nothing, nothing
         starts = np.flatnonzero(changed)
         runs, bounds = np.diff(starts, append=len(changed)), np.searchsorted(starts, offsets[:-1])
         is_first = np.zeros(len(starts), dtype=bool)

@@ -47,14 +47,14 @@ class FrameCount(Rule):
     @classmethod
     def find(cls, times: Times, demonstrations: DemonstrationSet) -> Iterator[Fault]:
         """Demonstrations with more or fewer frames than the recording says; all that are not there are one finding."""
-        for name, length in zip(demonstrations.ids, demonstrations.lengths.tolist(), strict=True):
+        lengths = dict(zip(demonstrations.ids, demonstrations.lengths.tolist(), strict=True))
+        for name, length in lengths.items():
             declared = times.frames.get(name, length)
             if declared != length:
                 off = f"{declared - length:,} fewer" if declared > length else f"{length - declared:,} more"
                 sentence = f"it has {counted(length, 'step')}, {off} than the {declared:,} that the recording says"
-                severity = 1.0 + abs(declared - length)
-                yield Fault(cls.name, name, 0, length - 1, "", length, declared, severity, sentence)
-        if absent := [name for name in times.frames if name not in {*demonstrations.ids}]:
+                yield Fault(cls.name, name, 0, length - 1, "", length, declared, 1.0 + abs(declared - length), sentence)
+        if absent := [name for name in times.frames if name not in lengths]:
             steps = sum(times.frames[name] for name in absent)
             more = f"{counted(len(absent), 'more demonstration')} of {counted(steps, 'step')}"
             sentence = f"the recording names {more}, not in the data: {listed(absent)}"

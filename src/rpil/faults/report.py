@@ -111,8 +111,7 @@ class FaultReport:
             worst, names = inside[0], {found.id for found in inside}
             where = tuple(name for name in self.ids if name in names)
             alike = len({found.column for found in inside}) == 1
-            is_same = len({found.sentence for found in inside}) == 1
-            worst_in = "" if is_same else f", the worst in {printable(worst.id)}"
+            worst_in = f", the worst in {printable(worst.id)}" * (len({found.sentence for found in inside}) > 1)
             sentence = f"{in_words(where, self.ids, self.groups)}{worst_in}: {worst.sentence}"
             lines += [found for found in same if found.id == ""]
             lines.append(replace(worst, id="", column=worst.column * alike, sentence=sentence, ids=where))
@@ -140,16 +139,17 @@ class FaultReport:
         """How much is found, one sentence."""
         size = f"{counted(self.n_demonstrations, 'demonstration')} ({counted(self.n_steps, 'step')})"
         n_other = sum(found.id == "" for found in self.findings)
-        n_found = len({found.id for found in self.findings} - {""})
-        said = f"{counted(len(self.findings) - n_other, 'recording fault')} found in {n_found:,} of {size}"
-        why = self.not_checked.get("duplicate", "")  # which is looked for wherever anything is
-        if why and not n_found:
-            other = f"; {counted(n_other, 'recording fault')} of the folder" * bool(n_other)
-            return f"No recording faults were looked for in {size}{other}: {why.rstrip('.')}."
-        if n_other and not n_found:
-            return f"{counted(n_other, 'recording fault')} of the whole set, of {size}."
-        other = f"; {counted(n_other, 'recording fault')} of the whole set" * bool(n_other)
-        return f"{said if n_found else f'No recording faults found in {size}'}{other}."
+        others, n_found = counted(n_other, "recording fault"), len({found.id for found in self.findings} - {""})
+        if n_found:
+            said = f"{counted(len(self.findings) - n_other, 'recording fault')} found in {n_found:,} of {size}"
+            return f"{said}; {others} of the whole set." if n_other else f"{said}."
+        if why := self.not_checked.get("duplicate"):  # which is looked for wherever anything is
+            size += f"; {others} of the folder" * bool(n_other)
+            return f"No recording faults were looked for in {size}: {why.rstrip('.')}."
+        if n_other:
+            return f"{others} of the whole set, of {size}."
+        few = self.not_checked.get("jump", "")  # which needs what most rules need
+        return f"No recording faults found in {size}{f'; most rules were not applied: {few}' * bool(few)}."
 
     def table(self) -> dict[str, list[object]]:
         """Columns with a row for each finding, the worst first: its number, and the fields of `Fault`; ids are text."""

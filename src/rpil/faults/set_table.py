@@ -80,8 +80,7 @@ def set_table(recording: Recording, report: FaultReport, path: str) -> SetTable:
     }
     if block.actions.ndim == 2:
         head, tail, _, middle = idle_runs(moving, learned.tracked.is_command)
-        idle = head + tail + middle
-        facts["idle share"] = float(np.minimum(idle, lengths).sum() / lengths.sum())
+        facts["idle share"] = float(np.minimum(head + tail + middle, lengths).sum() / lengths.sum())
     if len(learned.columns.names) and len(lengths) > 1:
         states = moving.values[~learned.columns.is_action] / learned.columns.spread[~learned.columns.is_action, None]
         spread = float(np.median(states[:, block.offsets[:-1]].std(axis=1))) if len(states) else None

@@ -30,7 +30,7 @@ ROLES = {
     "ids": EPISODE,
     "lengths": ("episode_lengths", "lengths", "path_lengths", "traj_lengths"),
     "offsets": ("meta/episode_ends",),  # of diffusion policy
-    "masks": ("mask", "valid_mask"),
+    "masks": ("mask", "masks", "valid_mask", "valid", "is_valid"),
     "starts": ("episode_starts",),  # of stable-baselines
     "terminals": ("terminals", "terminations", "terminated"),
     "cuts": ("timeouts", "truncations", "truncated", "dones", "done"),  # also of demonstrations that were cut short
@@ -168,6 +168,9 @@ class Arrays:
             return f"{words}, as long as {name} says.", np.arange(shape[1]) < lengths[:, None]
         if masks := self.shaped((shape, (*shape, 1)), "masks"):
             return f"{words}, as long as {masks[0]} is true.", self.flags(masks[:1], shape)
+        for name in (one for one in self.names["masks"] if len(self.arrays[one].shape) == 2):  # else those of images
+            fault = f"{name} has the shape {self.arrays[name].shape} for actions of {shape}"
+            raise DataError(f"{self.source}: {fault}; give one true or false for each step.")
         is_end = self.flags(ends := self.shaped((shape, (*shape, 1)), "terminals", "cuts"), shape)
         again = np.flatnonzero((np.diff(is_end.astype(int), axis=1, prepend=0) > 0).sum(axis=1) > 1)
         if len(again):

@@ -102,9 +102,9 @@ class _Search:
                 said = f"column {wrong[0]!r} is {role} already; take it out of --{option}"
                 raise DataError(f"{self.source}: {said}.")
         self.take(episode, *actions)
-        one_action = len(actions) == 1
+        actions, one_action = (actions, len(actions) == 1) if actions else self.actions(given)
         if not actions:
-            actions, one_action = self.actions(given)
+            raise self.no_column(f"holds the action: name it {spellings.ACTION[0]}, or name the columns", "action")
         self.take(*actions)
         orders = [order] if order else self.named_as("order")
         operator = operator or next(iter(self.named_as("operator")), None)
@@ -153,13 +153,15 @@ class _Search:
             wanted = STRETCH
         if wanted is None:
             what = f"says which demonstration a row is from: name it {spellings.EPISODE[0]}, or name the column"
-            raise self.no_column(what, "id", ", or end demonstrations at pauses with --split-gap")
+            lacks = not self.options.action and not self.actions(given)[0]
+            more = "; no column holds the action either: name it with --action" * lacks
+            raise self.no_column(what, "id", f", or end demonstrations at pauses with --split-gap{more}")
         others = [name for name in found if name != wanted]
         self.ignored |= dict.fromkeys(others, "another id")
         return wanted, others
 
     def actions(self, given: Collection[str | None]) -> tuple[list[str], bool]:
-        """The columns of the action, and whether it is one column."""
+        """The columns of the action by their names, which may be none, and whether it is one column."""
         free = [(name, self.plain[name]) for name in self.free if name not in given]
         for whole, part in spellings.ACTION_COLUMNS:
             found = [name for name, plain in free if whole.fullmatch(plain) and self.kinds[name] != "nested"]
@@ -168,14 +170,14 @@ class _Search:
                 return [name for name in found if self.owners[name] == self.owners[best]], True
             parts = ((name, plain) for name, plain in free if part.fullmatch(plain))
             numbers = [name for name, plain in parts if plain[-1].isdigit() or self.kinds[name] in (*_NUMBERS, "text")]
-            if found := [name for name in numbers if not spellings.ABOUT_ACTION.fullmatch(self.plain[name])]:
+            types = {m for m in numbers if self.kinds[m] == "text" and self.plain[m].endswith("_type")}  # as click
+            if found := [m for m in numbers if m in types or not spellings.ABOUT_ACTION.fullmatch(self.plain[m])]:
                 return found, len(found) == 1 and self.kinds[found[0]] == "text"
         driven = [(name, plain) for name, plain in free if self.kinds[name] in _NUMBERS]
-        if any(spellings.STEERING.fullmatch(plain) for _, plain in driven):  # pedals alone may lack their wheel
-            words = spellings.STEERING, spellings.PEDAL
-            found = [name for name, plain in driven if any(one.fullmatch(plain) for one in words)]
-            return found, len(found) == 1
-        raise self.no_column(f"holds the action: name it {spellings.ACTION[0]}, or name the columns", "action")
+        has_wheel = any(spellings.STEERING.fullmatch(plain) for _, plain in driven)  # which pedals alone may lack
+        words = spellings.STEERING, spellings.PEDAL
+        found = [name for name, plain in driven if has_wheel and any(one.fullmatch(plain) for one in words)]
+        return found, len(found) == 1
 
     def observations(self) -> list[str]:
         """The columns called obs or observation, else those called state, else all numbers without another role."""
@@ -207,9 +209,8 @@ class _Search:
             column = LENGTH if name == LENGTH else self.one(name, "outcome")
             if column is None or column in data:
                 role = "the id, an observation or part of the action"
-                raise DataError(
-                    f"{self.source}: column {name!r} is {role} and cannot be the outcome too; name another."
-                )
+                said = f"column {name!r} is {role} and cannot be the outcome too"
+                raise DataError(f"{self.source}: {said}; name another.")
             if column != LENGTH:
                 self.take(column)
                 self.ignored[column] = "outcome"

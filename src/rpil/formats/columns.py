@@ -24,7 +24,7 @@ Ids = Id | Sequence[Id]
 STRETCH = "pauses in time"
 """The column of the demonstrations that end at pauses, where no other column tells them apart."""
 
-FILE = "file"
+FILE = "name of the file"
 """The column of the names of files, each of which is a demonstration where no other column tells them apart."""
 
 LENGTH = "length"

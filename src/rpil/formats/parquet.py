@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import replace
@@ -18,7 +19,7 @@ from rpil.data.memory import check_memory
 from rpil.data.text import EPISODE, is_data
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
-from rpil.formats.columns import ColumnOptions, Columns, check_names
+from rpil.formats.columns import FILE, ColumnOptions, Columns, check_names
 from rpil.formats.format import Format, StepTables, called
 from rpil.formats.metadata import Metadata, MetaFolder, read_metadata
 from rpil.formats.parquet_file import check_sizes, check_table, opened, read_table
@@ -33,7 +34,7 @@ Change = Callable[["pa.Table"], "pa.Table"]
 
 
 def read_files(paths: Sequence[str], options: ColumnOptions, source: str) -> StepTables:
-    """Read files with the same columns."""
+    """Read files with the same columns; each of several is a demonstration where no column is its id."""
     paths, skipped = readable(paths, source) if options.skip_bad else (paths, ())
     try:
         found, n_bytes = _opened_files(paths, options, source)
@@ -53,13 +54,14 @@ def _opened_files(paths: Sequence[str], options: ColumnOptions, source: str) -> 
         with opened(path) as file:
             if columns is None:  # so that damaged data are named before damaged metadata
                 metadata = read_metadata(paths)
-                columns = columns_of_file(file, path, options, metadata.names)
-            names, known = set(file.schema_arrow.names), {*columns.stored, *columns.ignored, *columns.lists}
-            if not names.issuperset(columns.stored) or any(is_data(other) for other in names - known):
+                default = FILE if len(paths) > 1 and not metadata.version else None  # LeRobot has ids
+                columns = columns_of_file(file, path, options, metadata, default)
+                stored = {one: None for one in columns.stored if one != FILE}
+            names, known = set(file.schema_arrow.names), {*stored, *columns.ignored, *columns.lists}
+            if not names.issuperset(stored) or any(is_data(other) for other in names - known):
                 raise other_columns(name, next(iter(sizes)), names, known)
-            read = {*columns.stored}
-            n_bytes += sum(check_sizes(file, read, path))
-            own = pa.schema([one for one in file.schema_arrow if one.name in read])
+            n_bytes += sum(check_sizes(file, stored, path))
+            own = pa.schema([one for one in file.schema_arrow if one.name in stored])
             try:
                 schema = pa.unify_schemas([schema, own], promote_options="permissive")
             except pa.ArrowException as error:
@@ -68,26 +70,28 @@ def _opened_files(paths: Sequence[str], options: ColumnOptions, source: str) -> 
     assert columns is not None, "there is a file"
     kind = f"LeRobot {metadata.version}" if metadata.version else "Parquet"
     kind = kind if len(paths) == 1 else f"{kind}, {len(paths):,} files"
-    tables = _tables(paths, pa.schema([schema.field(one) for one in columns.stored]), columns)
+    tables = _tables(paths, pa.schema([schema.field(one) for one in stored]), columns)
     return StepTables(tables, columns, source, kind, sizes, metadata), n_bytes
 
 
 def _tables(paths: Sequence[str], schema: pa.Schema, columns: Columns) -> Iterator[pa.Table]:
     """The rows of files, with the types of a schema of what is stored, in the columns that are read."""
+    folder = os.path.commonpath([Path(path).parent for path in paths])
     for path in paths:
-        n_rows, name = 0, Path(path).name
+        n_rows, name, of_file = 0, Path(path).name, Path(path).relative_to(folder).with_suffix("").as_posix()
         with opened(path) as file:
             for batch in file.iter_batches(BATCH_ROWS, columns=schema.names, use_threads=False):
                 n_rows += len(batch)
                 table = pa.Table.from_batches([batch]).select(schema.names)
                 check_table(table, name)
-                yield flat.flattened(table.cast(schema), columns.lists, columns.all)
+                table = table.cast(schema).append_column(FILE, pa.repeat(of_file, len(table)))
+                yield flat.flattened(table, columns.lists, columns.all)
             if n_rows != file.metadata.num_rows:
                 raise ValueError(f"{n_rows} of {file.metadata.num_rows} rows are there")
 
 
 def columns_of_file(
-    file: pq.ParquetFile, path: StrPath, options: ColumnOptions, names: Mapping[str, Sequence[str]] = {}
+    file: pq.ParquetFile, path: StrPath, options: ColumnOptions, meta: Metadata = Metadata(), default: str | None = None
 ) -> Columns:
     """The columns of an open file, by their names, types and first values; a `DataError` where these are too large."""
     schema, name, n_rows = file.schema_arrow, Path(path).name, file.metadata.num_rows
@@ -105,8 +109,8 @@ def columns_of_file(
         if own is plain:
             check_table(head, name)
         kinds |= flat.kinds_of(head)
-        parts = flat.parts_of_lists(head, names)
-    return find_columns(kinds, name, options, lists=parts)
+        parts = flat.parts_of_lists(head, meta.names)
+    return find_columns(kinds, name, options, default, parts)
 
 
 def readable(paths: Sequence[str], source: str, skips: object = True) -> tuple[list[str], tuple[str, ...]]:

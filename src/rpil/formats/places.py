@@ -105,18 +105,16 @@ def _check_ids(names: Sequence[Id], group: Array, columns: Columns, source: str,
     """A `DataError` where ids are yes or no; or where a user chose the time or number of a row, or too short times."""
     name, plain, flags = columns.episode, plain_name(columns.episode), {str(name).lower() for name in names[:3]}
     if flags <= {"true", "false"} or (flags <= {"0", "1"} and OUTCOME.fullmatch(plain)):
-        raise DataError(
-            f"{source}: column {name!r} is yes or no, and no id; where it marks the ends of demonstrations, make a "
-            f"column of ids from it, in Python: numpy.cumsum({name}) - {name}."
-        )
+        said = f"column {name!r} is yes or no, and no id; where it marks the ends of demonstrations"
+        way = f"make a column of ids from it, in Python: numpy.cumsum({name}) - {name}"
+        raise DataError(f"{source}: {said}, {way}.")
     if not (is_cut or columns.options.id) or len(group) < 2:
         return
     ways = "name the column of the demonstration with --id, or, where pauses divide demonstrations, --split-gap"
     if 2 * len(names) > len(group):
-        raise DataError(
-            f"{source}: {name!r} would make {len(names):,} demonstrations of {len(group):,} steps; {ways}; if "
-            "that is meant, call it episode_index; where --split-gap or --segment is given, give more seconds."
-        )
+        said = f"{name!r} would make {len(names):,} demonstrations of {len(group):,} steps; {ways}"
+        more = "if that is meant, call it episode_index; where --split-gap or --segment is given, give more seconds"
+        raise DataError(f"{source}: {said}; {more}.")
     is_order = any(pattern.fullmatch(plain) for pattern in ORDER_COLUMNS)
     if is_order and 2 * np.count_nonzero(group[1:] != group[:-1]) > len(group):
         said = "looks like a time, or the number of a step, as it changes from row to row"
@@ -134,10 +132,9 @@ def _check_one_id(steps: Steps, columns: Columns, group: Array, order: str | Non
         rows, n_runs = flat.first_rows(group, codes), 1 + np.count_nonzero(changes | (codes[1:] != codes[:-1]))
         if len(ids) < len(rows) <= len(group) / 2 and (order is None or n_runs == len(rows)):
             row = int(rows[~np.isin(rows, ids)][0])
-            raise DataError(
-                f"{at(row)}: column {name!r} changes within this demonstration; write a column of ids that no two "
-                f"demonstrations share, or, if {columns.episode!r} is one, say so with --id."
-            )
+            said = f"column {name!r} changes within this demonstration"
+            way = f"write a column of ids that no two demonstrations share, or, if {columns.episode!r} is one"
+            raise DataError(f"{at(row)}: {said}; {way}, say so with --id.")
 
 
 def shorter(

@@ -139,9 +139,7 @@ class ClaimedPath:
     def check_annotate(self, output: StrPath) -> tuple[Path, Callable[..., None]]:
         """The path of the output and what writes it, or a `DataError`, before any work, where that is not possible."""
         if self.format.annotate is None or not any(Path(self.path).glob("meta/episodes/**/*.parquet")):
-            raise DataError(
-                f"{self.path}: it is no folder of LeRobot 3.0, whose episodes have a table; use --verdicts."
-            )
+            raise DataError(f"{self.path}: it is no folder of LeRobot 3.0 with a table of episodes; use --verdicts.")
         return self.check_output(output), self.format.annotate
 
     def check_output(self, output: StrPath, options: ColumnOptions = ColumnOptions()) -> Path:

@@ -134,10 +134,9 @@ def _writing(name: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise DataError(
-            f"{name}: a copy of its rows cannot be written to {tempfile.gettempdir()} "
-            f"({error.strerror or 'it cannot be used'}); set TMPDIR to another folder, or allow more with --memory."
-        ) from error
+        why = error.strerror or "it cannot be used"
+        said = f"a copy of its rows cannot be written to {tempfile.gettempdir()} ({why})"
+        raise DataError(f"{name}: {said}; set TMPDIR to another folder, or allow more with --memory.") from error
 
 
 @dataclass(frozen=True, eq=False)

@@ -136,7 +136,7 @@ def flattened(table: pa.Table, lists: Mapping[str, Sequence[str]], wanted: Seque
 
 def is_number(text: str) -> bool:
     try:
-        float(text)
+        float(text.replace(",", "."))  # a number with a decimal comma is one, too
     except ValueError:
         return False
     return True

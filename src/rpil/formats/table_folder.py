@@ -48,10 +48,8 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
     others = [one.name for one in (*texts, *arrays) if one not in text_files]
     if not parquet_files and "codebase_version" in (info := MetaFolder(Path(path)).info):
         n = str(info.get("total_episodes", "?"))[:20]
-        raise DataError(
-            f"{path}: meta/info.json describes a data set of LeRobot of {n} episodes, and no Parquet file is in data; "
-            "download it again, or record some."
-        )
+        said = f"meta/info.json describes a data set of LeRobot of {n} episodes, and no Parquet file is in data"
+        raise DataError(f"{path}: {said}; download it again, or record some.")
     if not parquet_files and not text_files:
         refuse_others(path, os.listdir(path) if os.path.isdir(path) else ())
         but = f", and {others[0]} is no table of steps" if others else ""

@@ -192,12 +192,11 @@ def looking_order(audit: Judged) -> tuple[list[int], int]:
     These are those whose label contradicts the other answers, outliers or bad ones, and a group apart. Then come the
     open ones, and the rest; the lowest log-odds first.
     """
-    index = {name: m for m, name in enumerate(audit.ids)}
     lowest = np.argsort(-audit.log_odds, kind="stable")[::-1].tolist()
     of_side = {side: [m for m in lowest if SIDES[audit.verdicts[m]] == side] for side in ("lower", "open", "upper")}
     apart = {*audit.competing[1]} if audit.finding == "a group apart" else ()
     alike = [m for m in lowest if audit.ids[m] in apart]
-    urgent = dict.fromkeys([*(index[name] for name in audit.contradicting), *of_side["lower"], *alike])
+    urgent = dict.fromkeys([*map(audit.index, audit.contradicting), *of_side["lower"], *alike])
     order = list(dict.fromkeys([*urgent, *of_side["open"], *of_side["upper"]]))
     return order, max(len(urgent), min(n_first(len(order)), len(order)))
 

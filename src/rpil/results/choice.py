@@ -101,12 +101,11 @@ def choose(
     labels, said = (table.get(name, [""] * len(ids)) for name in ("label", "said"))
     kept, rejected = list[Id](), {rule: list[Id]() for rule in KEEP_RULES}
     failure, notes, rules = Choice.failure, list[str](), [str(rule or "") for rule in table["rejected_by"]]
-    for name, rule in zip(ids, rules, strict=True):
-        if rule and rule not in KEEP_RULES:
-            rest = f"{rule!r} is unknown; write one of {', '.join(KEEP_RULES)}"
-            raise DataError(f"Demonstration {name!r}: the rejected by {rest}.")
     every = zip(ids, labels, map(str, said), rules, _below(table, share), strict=True)
     for name, label, how, by_audit, below in every:
+        if by_audit and by_audit not in KEEP_RULES:
+            rest = f"{by_audit!r} is unknown; write one of {', '.join(KEEP_RULES)}"
+            raise DataError(f"Demonstration {name!r}: the rejected by {rest}.")
         is_spared, rule = str(name) in spared, "" if label else by_audit
         if label == "bad":
             rule = "labels"
@@ -199,8 +198,7 @@ def write_kept(path: StrPath, audit: AuditResult, choice: Choice) -> None:
     Ids are in the order of the data. Whole numbers are written as such: then the list is what LeRobot takes as the
     episodes of a data set. A `DataError` where the path has another extension, or cannot be written.
     """
-    made = {"provenance": audit.provenance} if audit.provenance else {}
-    content = choice.to_dict() | {"run": audit.run_id} | made
+    content = choice.to_dict() | {"run": audit.run_id} | ({"provenance": audit.provenance} if audit.provenance else {})
     with replacing(check_extension(path, (".json",), "demonstrations to keep")) as temporary:
         temporary.write_text(json.dumps(content, allow_nan=False, indent=1) + "\n", encoding="utf-8")
 

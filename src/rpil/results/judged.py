@@ -21,7 +21,7 @@ import numpy as np
 from rpil.data.archive import stored
 from rpil.data.errors import DataError
 from rpil.data.files import StrPath
-from rpil.data.text import for_others
+from rpil.data.text import for_others, quoted
 from rpil.inference.answers import Answers
 from rpil.inference.settings import JudgeSettings
 from rpil.numerics.types import Array, Float, Int
@@ -217,8 +217,7 @@ class Judged:
             If there is none.
         """
         if demonstration not in self.ids:
-            known = ", ".join(map(repr, self.ids[:5])) + ", ..." * (len(self.ids) > 5)
-            raise DataError(f"No demonstration is called {demonstration!r}; choose one of the ids {known}.")
+            raise DataError(f"No demonstration is called {demonstration!r}; choose from the ids {quoted(self.ids, 5)}.")
         return self.ids.index(demonstration)
 
     def steps(self, index: int) -> slice:

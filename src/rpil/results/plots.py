@@ -14,6 +14,7 @@ import numpy as np
 from rpil.data.errors import optional
 from rpil.data.text import printable
 from rpil.numerics.types import Array, Float, Int
+from rpil.results.reasons import worst_steps
 from rpil.results.result import AuditResult
 from rpil.results.vocabulary import COLOURS, SIDES
 
@@ -54,8 +55,8 @@ class AuditPlots:
         """
         ax, lowest = _axes(ax, (9.0, 2.8)), int(self.audit.ranking()[-1])
         index = lowest if demonstration is None else self.audit.index(demonstration)
-        ratio, marks = self.audit.step_log_ratio[self.audit.steps(index)], self.audit.worst_steps(index)
-        steps, mean = np.arange(len(ratio)), running_mean(ratio)
+        ratio = self.audit.step_log_ratio[self.audit.steps(index)]
+        steps, marks, mean = np.arange(len(ratio)), worst_steps(ratio), running_mean(ratio)
         ax.plot(steps, ratio, ".", color=COLOURS["open"], markersize=3, alpha=0.6)
         ax.axhline(0, color=COLOURS["open"], linewidth=0.8)
         for colour, side in ((COLOURS["upper"], mean >= 0), (COLOURS["lower"], mean <= 0)):

@@ -51,6 +51,11 @@ def worst_stretch(log_ratio: Float[Array, " n"]) -> tuple[int, int] | None:
     return int(np.argmax(total[: stop + 1])), stop - 1
 
 
+def worst_steps(log_ratio: Float[Array, " n"], k: int = 5) -> list[int]:
+    """Up to `k` steps with the lowest log-ratios below 0, the lowest first."""
+    return [int(n) for n in np.argsort(log_ratio, kind="stable")[:k] if log_ratio[n] < 0]
+
+
 def reasons_of(audit: Judged, answers: Answers, said: Sequence[str]) -> Iterator[str]:
     """The reason for the verdict on each demonstration; the `answers` about one are about its copies too. What was
     `said` of each is `AuditResult.said`."""

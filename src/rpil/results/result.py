@@ -24,7 +24,7 @@ from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id, looking_order, n_first
 from rpil.results.judged import Judged
-from rpil.results.reasons import Fact, known_facts, reasons_of, worst_stretch
+from rpil.results.reasons import Fact, known_facts, reasons_of, worst_steps, worst_stretch
 from rpil.results.vocabulary import SIDES, WORSE, in_numbers, numbered, short_id
 
 if TYPE_CHECKING:
@@ -124,9 +124,8 @@ class AuditResult(Judged):
         """
         known = answering.merged(replace(self, answers=self.answers.unsaid) if instead else self, labels or {}, pairs)
         if not known.count and self.anchor == "answers":
-            raise DataError(
-                "No answer would be left; take the audit before answered(), or call rpil.audit without any."
-            )
+            way = "take the audit before answered(), or call rpil.audit without any"
+            raise DataError(f"No answer would be left; {way}.")
         return answering.with_answers(self, known)
 
     @property
@@ -140,10 +139,9 @@ class AuditResult(Judged):
         whole = [WHOLE] * (self.anchor == "named adversary")
         return *self.method, FINDINGS[self.finding], self.vocabulary.explanation, learned, *whole
 
-    def worst_steps(self, index: int, k: int = 5) -> list[int]:
-        """Up to `k` steps of demonstration `index` with the lowest log-ratios below 0, counted from its first step."""
-        ratio = self.step_log_ratio[self.steps(index)]
-        return [int(n) for n in np.argsort(ratio, kind="stable")[:k] if ratio[n] < 0]
+    def worst_steps(self, demonstration: Hashable, k: int = 5) -> list[int]:
+        """Up to `k` steps with the lowest log-ratios below 0 of the demonstration with this id, counted from 0."""
+        return worst_steps(self.step_log_ratio[self.steps(self.index(demonstration))], k)
 
     def step_trust(self, index: int) -> Float[Array, " n"]:
         """P(the `NEAR` steps around each step of demonstration `index` are like those of the trusted), all alike."""
@@ -219,7 +217,7 @@ class AuditResult(Judged):
                 {
                     **{name: column[m] for name, column in columns.items()},
                     "evidence": {name: float(part[m]) for name, part in self.evidence.items()},
-                    "worst_steps": self.worst_steps(m),
+                    "worst_steps": worst_steps(self.step_log_ratio[self.steps(m)]),
                     "facts": {name: values[m] for name, values in self.facts.items()},
                 }
                 for m in answering.looking_order(self)[0]

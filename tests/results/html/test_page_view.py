@@ -37,7 +37,7 @@ def test_columns_are_those_of_the_audit_in_the_order_of_the_data():
     named = make_audit(("expert", "open"), anchor="named adversary", expert_proba=np.array([0.9, 0.5]))
     assert view(named)["demonstrations"]["p"] == [0.9, 0.5]
     assert columns["rank"] == audit.ranks.tolist() == (np.argsort(np.argsort(-audit.log_odds)) + 1).tolist()
-    assert columns["worst"] == [audit.worst_steps(m) for m in range(len(audit.ids))]
+    assert columns["worst"] == [*map(audit.worst_steps, audit.ids)]
     stretches = [worst_stretch(audit.log_ratio(m)) for m in range(len(audit.ids))]
     assert columns["stretch"] == [one and [*one] for one in stretches]
     assert columns["stretch"][9][0] < 168 / 2 < columns["stretch"][9][1]  # it goes wrong in its middle

@@ -25,7 +25,7 @@ from rpil.numerics.types import Array
 from rpil.results.answering import looking_order
 from rpil.results.choice import choose
 from rpil.results.judged import MAX_DRAWN, bin_means, bin_starts
-from rpil.results.reasons import TWO_GROUPS, worst_stretch
+from rpil.results.reasons import TWO_GROUPS, worst_steps, worst_stretch
 from rpil.results.result import AuditResult, headline
 from rpil.results.vocabulary import SIDES, numbered
 from rpil.segments.ranges import KINDS, Segments
@@ -133,7 +133,7 @@ def _columns(audit: AuditResult, about: About) -> View:
         **{name: list(table[name]) for name in as_in_table},
         "p": [p if audit.verdicts[m] in shown else None for m, p in enumerate(audit.expert_proba.tolist())],
         "evidence": parts if len(parts) > 1 else {},
-        "worst": [audit.worst_steps(m) for m in range(len(names))],
+        "worst": [worst_steps(audit.step_log_ratio[audit.steps(m)]) for m in range(len(names))],
         "stretch": [worst_stretch(audit.log_ratio(m)) for m in range(len(names))],
         "look": (np.array(table["look"]) - 1).tolist(),
         "group": [letters.get(name, "") for name in audit.ids],
