@@ -227,7 +227,7 @@ def decided(task: Task, options: FitOptions, judgement: Judgement, features: Fea
     return FitResult(audit, features, n_iter=len(fit.history), lower_bound=float(fit.history[-1]), p_two=p_two)
 
 
-def fit_full(task: Task, options: FitOptions, learns: bool = True) -> FitResult:
+def fit_full(task: Task, options: FitOptions, learns: bool) -> FitResult:
     """Judge all demonstrations, in memory, copies of others once, and fit the final policy unless nobody `learns`."""
     every = task.demonstrations
     copies = copies_among(every) if options.judges else Copies.of(np.arange(len(every)))
@@ -274,7 +274,7 @@ def final_policy(task: Task, options: FitOptions, weight: Array) -> tuple[Featur
     return features, start.fit_all(data, weight)
 
 
-def fit_sampled(task: Task, options: FitOptions, learns: bool = True) -> FitResult:
+def fit_sampled(task: Task, options: FitOptions, learns: bool) -> FitResult:
     """Judge a sample, then everything by what was learned from it, and fit the final policy unless nobody `learns`."""
     from rpil.inference.fitted_judge import FittedJudge
     from rpil.scale.fit import DesignMap, JudgedSample, judge_everyone, policies_of_parts, score_block

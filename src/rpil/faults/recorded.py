@@ -196,7 +196,7 @@ def find_other_rate(times: Times, demonstrations: DemonstrationSet) -> Iterator[
         return
     ends, steps = demonstrations.offsets[1:] - 1, demonstrations.lengths - 1
     lasts = times.timestamps[ends] - times.timestamps[demonstrations.offsets[:-1]]
-    known = (steps > 0) & (lasts > 0)
+    known = lasts > 0
     mean = lasts[known] / steps[known]
     off = np.abs(mean * times.fps - 1.0) - usual * times.fps / steps[known]  # a clock is as fine as its usual step
     if known.any() and min(abs(usual * times.fps - 1.0), np.median(off)) > settings.OTHER_RATE:
