@@ -184,7 +184,7 @@ def test_another_lag_of_speeds_is_found_beside_the_others(by, when):
 def test_copies_name_the_first():
     copies = demonstrations([CLEAN[0], CLEAN[1], CLEAN[0], CLEAN[0]])
     found = check(copies).findings
-    left_out = check(copies, expected={"RPIL-123": 2})
+    left_out = check(copies, expected={"RPIL-123": 2, "duplicate": [0]})
     assert (left_out.findings, left_out.n_expected) == (found[1:], 1)
     assert [(f.rule, f.id, f.sentence) for f in found] == [
         ("duplicate", m, "it is the same as demonstration 0") for m in (2, 3)

@@ -37,6 +37,7 @@ VARIANTS = {
     "tabs": (text(BASE, "\t"), {}),
     "bars": (text(BASE, "|"), {}),
     "decimal commas": (text(BASE, ";", ","), {}),
+    "text like a decimal comma": (text(BASE | {"note": len(RUN) * ["1,5"]}, quote=True), {}),
     "all quoted": (text(BASE, quote=True), {}),
     "spaces around names": (text(BASE).replace("episode,step,x,v,action", " episode , step, x ,v , action"), {}),
     "times": (text(BASE | {"t": STEP * 0.05, "stamp_ns": ns, "wall_time": ns * 1e-9}), {}),

@@ -83,7 +83,7 @@ def test_several_columns_of_numbers_are_continuous(parts, options, reason, monke
     ("parts", "options", "said"),
     [
         ({"action.dial": DIAL, "action.skill": SKILL}, {}, "action.skill (text), action.dial (numbers)"),
-        ({"action.type": SKILL, "action.hand": SKILL}, {}, "action.type, action.hand (text); name"),
+        ({"action.skill": SKILL, "action.hand": SKILL}, {}, "action.skill, action.hand (text); name"),
         (
             {"action.skill": SKILL, "action.to": np.stack([DIAL, SPEED], 1).tolist()},
             {},

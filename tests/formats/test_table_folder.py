@@ -2,6 +2,7 @@
 
 import pytest
 
+from problems import refused
 from rpil import formats
 from rpil.data.errors import DataError
 from samples import lerobot
@@ -56,6 +57,10 @@ def test_each_file_is_a_demonstration_where_no_column_names_one(tmp_path, suffix
         (tmp_path / name).parent.mkdir(exist_ok=True)
         formats.write_columns(tmp_path / f"{name}{suffix}", columns, "steps")
     assert formats.read(tmp_path).ids == ("one/1", "one/2", "two/1")
+    (tmp_path / "one").rename(tmp_path / "episode=1")  # files of one partition are no demonstrations
+    if suffix == ".parquet":
+        with refused("no column says which demonstration"):
+            formats.read(tmp_path)
 
 
 def test_text_beside_tables_is_left_out_and_named(tmp_path):

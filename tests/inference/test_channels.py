@@ -133,7 +133,8 @@ def test_columns_are_the_ranking_normal_scores_components_and_the_group():
     ("ranking", "score", "expected"),
     [
         ([3, 3, 1, 4], [0, 1, 2, 9], [0, 0, -1.5 / 1.4826, 7.5 / 1.4826]),  # two share their places
-        ([1, 2, 3, 4, 5], [0, 0, 0, 0, 5], [0, 0, 0, 0, 2.5]),  # no median deviation
+        ([1, 2, 3, 4, 5], [0, 0, 0, 0, 5], [0, 0, 0, 0, 25]),  # a tenth of the standard deviation
+        ([1, 2, 3, 4, 5], [0, 1e-16, 2e-16, 3e-16, 5], [0, 0, 0, 0, 25]),  # so is what is rounding
         ([1, 2, 3], [4, 4, 4], [0, 0, 0]),
     ],
 )

@@ -39,7 +39,7 @@ def main(ctx: click.Context, /) -> None:
         click.echo(ctx.get_help())
 
 
-UNDECIDED = "Until you call one good and one bad, only what you name is rejected; rpil audit says what to look at."
+UNDECIDED = "Until two answers contrast, only what you name is rejected; rpil audit says what to look at."
 SHARE = "Keep the top of the ranking whatever the verdicts: .8 keeps four fifths, without those you label bad."
 SET = "Print the set in one table, in Markdown: how each action moves, and problems for a trainer."
 
@@ -121,8 +121,8 @@ def fit(ctx: click.Context, /, file: str, output: str, **options: Any) -> None:
 def keep(file: str, output: str, share: float | None, verdicts: str | None, **options: Any) -> None:
     """Write the demonstrations to keep to a new file of the same format, or the list of their ids to ids.json.
 
-    It rejects those that you label bad, and those with an outcome of 0. Once you have called one good and another one
-    bad, it also rejects those that the audit calls bad. With --share it chooses by the ranking instead.
+    It rejects those that you label bad, and those with an outcome of 0. Once two answers contrast, it also rejects
+    those that the audit calls bad. With --share it chooses by the ranking instead.
     """
     from rpil.formats.registry import find
 

@@ -66,17 +66,17 @@ DemonstratorNames = Mapping[Any, Hashable] | Sequence[Hashable] | Array
 def in_order(
     given: DemonstratorNames | Outcome, ids: Sequence[object], source: str, what: str, every: Sequence[object] = ()
 ) -> list[Any]:
-    """The values that are `given` of the demonstrations `ids`: one for each, or a mapping by id, which may name others
-    of `every` one; None where it names none. A `DataError` on unknown ids, or a wrong number of `what` is given."""
+    """The values that are `given` of the demonstrations `ids`: one for each, or a mapping by id, which may also name
+    other ids of `every`; None where it names none. A `DataError` on unknown ids, or a wrong number of values."""
     if isinstance(given, Mapping):
         check_ids(given, every or ids, source, what)
         by_id = {str(m): value for m, value in given.items()}
         return [by_id.get(str(m)) for m in ids]
     values = np.asarray(given, dtype=object)
     if values.shape != (len(ids),):
-        wrong = f"{what} cannot be of the shape {values.shape}"
+        wrong = f"{what} cannot have the shape {values.shape}"
         raise DataError(f"{source}: {wrong}; give one for each of the {len(ids)} demonstrations, in their order.")
-    return list(values.tolist())
+    return [value.item() if isinstance(value, np.generic) else value for value in values]
 
 
 def group_by_demonstrator(demonstrators: DemonstratorNames | None, demonstrations: DemonstrationSet) -> Demonstrators:

@@ -77,9 +77,10 @@ def check(
     demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording
     there, known = recording.ids, dict[str, set[str]]()
     for rule, names in (expected or {}).items():
-        texts = {*map(str, [names] if isinstance(names, str | int) else names)}
-        check_ids(sorted(texts), (*there, ALL), demonstrations.source, "--expected")
-        known[rule_name(rule, "--expected")] = texts
+        texts = {*map(str, names if isinstance(names, Collection) and not isinstance(names, str) else [names])}
+        if not skip_bad:  # else it may be the id of a demonstration that was skipped
+            check_ids(sorted(texts), (*there, ALL), demonstrations.source, "--expected")
+        known.setdefault(rule_name(rule, "--expected"), set()).update(texts)
     if isinstance(demonstrations, Dataset):
         layout = replace(demonstrations.layout, allows_missing=True, order="F")  # as rules go along columns
         demonstrations = replace(demonstrations, layout=layout)

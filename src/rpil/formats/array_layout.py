@@ -30,7 +30,7 @@ ROLES = {
     "ids": EPISODE,
     "lengths": ("episode_lengths", "lengths", "path_lengths", "traj_lengths"),
     "offsets": ("meta/episode_ends",),  # of diffusion policy
-    "masks": ("mask", "masks", "valid_mask", "valid", "is_valid"),
+    "masks": ("mask", "valid_mask", "valid", "is_valid"),
     "starts": ("episode_starts",),  # of stable-baselines
     "terminals": ("terminals", "terminations", "terminated"),
     "cuts": ("timeouts", "truncations", "truncated", "dones", "done"),  # also of demonstrations that were cut short

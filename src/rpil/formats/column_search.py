@@ -170,8 +170,7 @@ class _Search:
                 return [name for name in found if self.owners[name] == self.owners[best]], True
             parts = ((name, plain) for name, plain in free if part.fullmatch(plain))
             numbers = [name for name, plain in parts if plain[-1].isdigit() or self.kinds[name] in (*_NUMBERS, "text")]
-            types = {m for m in numbers if self.kinds[m] == "text" and self.plain[m].endswith("_type")}  # as click
-            if found := [m for m in numbers if m in types or not spellings.ABOUT_ACTION.fullmatch(self.plain[m])]:
+            if found := [name for name in numbers if not spellings.ABOUT_ACTION.fullmatch(self.plain[name])]:
                 return found, len(found) == 1 and self.kinds[found[0]] == "text"
         driven = [(name, plain) for name, plain in free if self.kinds[name] in _NUMBERS]
         has_wheel = any(spellings.STEERING.fullmatch(plain) for _, plain in driven)  # which pedals alone may lack

@@ -165,7 +165,8 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
     if not len(first) and default_id is None:
         said = "it has no rows; write one for each step below the names of its columns"
         raise DataError(f"{file.path.name}: {said}.")
-    return find_columns(flat.kinds_of(first.slice(0, flat.HEAD_ROWS)), file.path.name, options, default_id)
+    kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS), file.decimal)
+    return find_columns(kinds, file.path.name, options, default_id)
 
 
 class _OtherTypeError(DataError):

@@ -174,7 +174,7 @@ class Layout:
         for k, name in enumerate(columns, start=1):
             values = flat.column_values(table, name, at, self.allows_missing)
             if values.dtype.kind == "U" and out.dtype.kind != "U":
-                row = next((row for row, text in enumerate(values) if not flat.is_number(text)), 0)
+                row = next((row for row, text in enumerate(values) if not flat.is_number(text, ",")), 0)
                 said = f"column {name!r} holds text ({str(values[row])[:40]!r}), not numbers"
                 raise DataError(f"{at(row)}: {said}; write numbers, or leave the column out with --exclude.")
             together.append(values)

@@ -54,7 +54,8 @@ def _opened_files(paths: Sequence[str], options: ColumnOptions, source: str) -> 
         with opened(path) as file:
             if columns is None:  # so that damaged data are named before damaged metadata
                 metadata = read_metadata(paths)
-                default = FILE if len(paths) > 1 and not metadata.version else None  # LeRobot has ids
+                # LeRobot has ids, and the files of a folder such as episode=1 are parts of one.
+                default = None if len(paths) == 1 or metadata.version or "=" in Path(path).parent.name else FILE
                 columns = columns_of_file(file, path, options, metadata, default)
                 stored = {one: None for one in columns.stored if one != FILE}
             names, known = set(file.schema_arrow.names), {*stored, *columns.ignored, *columns.lists}

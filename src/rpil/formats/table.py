@@ -31,12 +31,13 @@ HEAD_ROWS = 1000
 """Rows by which the kinds of columns are told."""
 
 
-def kinds_of(head: pa.Table) -> dict[str, Kind]:
-    """The kind of every column by its type and its first values; where there are no rows, all may be numbers."""
+def kinds_of(head: pa.Table, decimal: str = ".") -> dict[str, Kind]:
+    """The kind of every column by its type and its first values, whose numbers have this `decimal` sign; where there
+    are no rows, all may be numbers."""
     found = {field.name: kind_of_type(field.type) if len(head) else "number" for field in head.schema}
     for name in (name for name, kind in found.items() if kind == "text"):
         texts = [text.strip() for text in head[name].unique().to_pylist() if text]
-        if texts and 2 * sum(map(is_number, texts)) >= len(texts):
+        if texts and 2 * sum(is_number(text, decimal) for text in texts) >= len(texts):
             found[name] = "mixed"
     return found
 
@@ -134,9 +135,9 @@ def flattened(table: pa.Table, lists: Mapping[str, Sequence[str]], wanted: Seque
     return pa.table(columns).select(wanted)
 
 
-def is_number(text: str) -> bool:
+def is_number(text: str, decimal: str = ".") -> bool:
     try:
-        float(text.replace(",", "."))  # a number with a decimal comma is one, too
+        float(text.replace(decimal, "."))
     except ValueError:
         return False
     return True

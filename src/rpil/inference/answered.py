@@ -129,7 +129,7 @@ def places_to_ask(
 ) -> list[int]:
     """Up to `k` demonstrations to ask about, of which nothing `is_said`, the first one first: those nearest to fixed
     places of the ranking, from either end in turn; the `labels` have been asked for already. Where these are of both
-    kinds, and one leads, the first is of the other kind by the `log_odds` of good."""
+    kinds, and one leads, the first is one that its `log_odds` of good call likely to be of the other kind."""
     place = np.argsort(np.argsort(ranking, kind="stable")) / max(len(ranking) - 1, 1)
     free, chosen, n_answers, lead = ~is_said, list[int](), int(np.count_nonzero(labels)), int(labels.sum())
     if settings.max_lead <= abs(lead) < n_answers and free.any():

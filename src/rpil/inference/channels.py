@@ -88,16 +88,16 @@ def columns_of(
     channels: Float[Array, "M C"], components: Float[Array, "M K"], score: Float[Array, " M"]
 ) -> Float[Array, "M D"]:
     """The columns from which answers learn: the ranking, spaced as the scores are; normal scores of the other channels;
-    components; and the log-odds of the upper group. `arcsinh` keeps what is far away, but not as it is."""
+    components; and the log-odds of the upper group. `arcsinh` draws large values nearer, and keeps their order."""
     agreement, others = channels[:, 0], normal_scores(channels[:, 1:])
     return np.column_stack([spaced(agreement, score), others, components, np.arcsinh(agreement)])
 
 
 def spaced(ranking: Float[Array, " M"], score: Float[Array, " M"]) -> Float[Array, " M"]:
-    """Arcsinh of the scores, sorted as the `ranking` is, from their median, in median absolute deviations times 1.48,
-    or in standard deviations where half of the scores are the same."""
+    """Arcsinh of the scores, sorted as the `ranking` is, from their median, in median absolute deviations times 1.48;
+    these count as a tenth of the standard deviation at least, because half of the scores may be nearly the same."""
     away = np.sort(score) - np.median(score)
-    size = 1.4826 * np.median(np.abs(away)) or away.std() or 1.0
+    size = max(1.4826 * np.median(np.abs(away)), 0.1 * away.std()) or 1.0
     return np.asarray(np.interp(mean_ranks(ranking), np.arange(1, len(away) + 1), np.arcsinh(away / size)))
 
 

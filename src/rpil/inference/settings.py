@@ -135,7 +135,7 @@ class ChannelSettings:
     prior_log_odds="[0, inf)",
     max_levels="[2, inf)",
     asked_places="[0, 1]",
-    rare_place="[0, 1]",
+    rare_place="[0, 1)",
     max_folds="[2, inf)",
 )
 class AnswerSettings:
@@ -173,7 +173,7 @@ class AnswerSettings:
     asked_places: tuple[float, ...] = (0.1, 0.95, 0.3, 0.55, 0.03, 0.75, 0.2, 0.4)
     """Places in the ranking, from the lowest, at which labels are asked for, one after the other."""
     max_lead: int = 2
-    """Labels by which one kind leads the other before one that is likely of the other kind is asked for."""
+    """Labels by which one known kind leads the other before one that is likely of the other kind is asked for."""
     rare_place: float = 0.05
     """Place of that one in the order of P(good), from its end."""
 
