@@ -182,6 +182,5 @@ def test_what_the_converter_of_lerobot_needs_is_named(tmp_path):
     (defect,) = find_defects(root, False)
     assert (defect.what, defect.place) == ("statistics", "meta/episodes_stats.jsonl")
     assert "LeRobot's converter to version 3.0 needs it" in defect.sentence
-    assert "episodes_stats.jsonl, of version 2.1, is missing" in next(
-        rule.words for rule in OF_FILES if rule.name == defect.what
-    )
+    words = next(rule.words for rule in OF_FILES if rule.name == defect.what)
+    assert "episodes_stats.jsonl, of version 2.1, is missing" in words
