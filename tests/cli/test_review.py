@@ -42,7 +42,7 @@ def test_what_was_answered_outlives_the_server(data):
         assert (spared["kept"], spared["rejected"]["labels"]) == (seen["kept"] + 1, [8, 9])
         finished = client.post("/api/finish", version=2, write=True)[1]
         command = f"rpil audit {data} --observations x,v --labels labels.csv"
-        assert finished["files"]["keep"] == "labels-keep.json"
+        assert (finished["files"]["keep"], finished["command"][-17:]) == ("labels-keep.json", "-o d-kept.parquet")
         good = client.view()["demonstrations"]["verdict"]
         kept = json.loads(Path("labels-keep.json").read_text())["episodes"]
         assert kept == [m for m, word in enumerate(good) if word != "bad"]

@@ -51,7 +51,7 @@ ONE_ACTION = Demonstrations(TOY.observations, np.zeros_like(TOY.actions), TOY.of
         (RPIL(), TOY.demonstrations.select([0]), "1 sample. cannot be compared; give at least two"),
         (RMEnt(1), TOY.demonstrations.select([0]), "1 sample. cannot be compared; give at least two"),
         (RMEnt(0), TOY.demonstrations, "n_trusted=0 of 12 demonstrations; give a whole number from 1 to 12, or a sh"),
-        *((RMEnt(n), TOY.demonstrations, f"n_trusted={n!r} of 12") for n in (13, 1.5, "all")),
+        *((RMEnt(n), TOY.demonstrations, f"n_trusted={n!r} of 12") for n in (13, 1.0, 1.5, "all")),
     ],
 )
 def test_errors_are_one_sentence(model, data, words):
