@@ -19,6 +19,12 @@ def call(*arguments, settings=FAST):
     return CliRunner().invoke(main, [str(argument) for argument in arguments], obj=settings)
 
 
+def write_lines(name, lines):
+    """A text file of these lines, and its name."""
+    Path(name).write_text("\n".join(lines) + "\n")
+    return name
+
+
 def ok(*arguments, settings=FAST):
     """The result of a call that succeeds."""
     result = call(*arguments, settings=settings)

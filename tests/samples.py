@@ -146,12 +146,8 @@ def npz_folder(folder: Path) -> Path:
     path = folder / "episodes"
     for m, n in enumerate(LENGTHS):
         (path / str(m)).mkdir(parents=True)
-        arrays = {
-            "obs_state": _RNG.normal(size=(n + 1, 2)),
-            "actions": MOVES[m == OWNERS],
-            "success": np.array([m < 2]),
-        }
-        np.savez(path / str(m) / "trajectory.npz", **arrays, obs_rgb=np.zeros((n + 1, 2, 2, 3), np.uint8))
+        seen = {"obs_state": _RNG.normal(size=(n + 1, 2)), "obs_rgb": np.zeros((n + 1, 2, 2, 3), np.uint8)}
+        np.savez(path / str(m) / "trajectory.npz", **seen, actions=MOVES[m == OWNERS], success=np.array([m < 2]))
         (path / str(m) / "meta.json").write_text(json.dumps({"instruction": "lift", "seed": 3, "success": m < 2}))
     return path
 

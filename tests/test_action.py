@@ -26,12 +26,8 @@ def environment(tmp_path, monkeypatch):
         place = tmp_path / "bin" / name
         place.write_text(f"#!/bin/sh\n{line}\n")
         place.chmod(0o755)
-    path = f"{tmp_path / 'bin'}:{os.environ['PATH']}"
-    return os.environ | {
-        "PATH": path,
-        "GITHUB_ACTION_PATH": str(ROOT),
-        "GITHUB_STEP_SUMMARY": str(tmp_path / "summary"),
-    }
+    given = {"GITHUB_ACTION_PATH": str(ROOT), "GITHUB_STEP_SUMMARY": str(tmp_path / "summary")}
+    return os.environ | given | {"PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}"}
 
 
 def run_action(given, environment):

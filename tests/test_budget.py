@@ -35,7 +35,7 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 23_498, 2_069, 23_983
+LINES, PAGE_LINES, TEST_LINES = 23_498, 2_069, 23_980
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0
@@ -56,11 +56,8 @@ def test_rooms_keep_to_their_budgets():
 def test_all_lines_keep_to_their_budgets():
     root = TOOLS.parent
     pages = [path for kind in ("js", "html", "css") for path in ROOT.rglob(f"*.{kind}") if "vendor" not in path.parts]
-    for paths, most in (
-        (ROOT.rglob("*.py"), LINES),
-        (pages, PAGE_LINES),
-        ((root / "tests").rglob("*.py"), TEST_LINES),
-    ):
+    tests = (root / "tests").rglob("*.py")
+    for paths, most in ((ROOT.rglob("*.py"), LINES), (pages, PAGE_LINES), (tests, TEST_LINES)):
         assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in paths) <= most
     assert len((root / "CHANGELOG.md").read_bytes()) <= 15_000
 

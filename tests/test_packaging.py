@@ -118,16 +118,9 @@ def test_the_package_works_without_extras(tmp_path):
     folder.mkdir()
     module, _, name = PROJECT["scripts"]["rpil"].partition(":")
     landings = ROOT / "docs" / "lunarlander_corrupted.npz"
-    command = [
-        sys.executable,
-        "-c",
-        f"from {module} import {name}; {name}()",
-        "audit",
-        landings,
-        "--report",
-        "page.html",
-    ]
+    command = [sys.executable, "-c", f"from {module} import {name}; {name}()"]
     environment = os.environ | {"PYTHONPATH": str(library)}
+    command += ["audit", landings, "--report", "page.html"]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "20 demonstrations" in done.stdout

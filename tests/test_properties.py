@@ -104,14 +104,9 @@ def test_memory_disk_and_a_cluster_change_no_word(tmp_path_factory, cluster, dra
     data = made((states + moved).reshape(-1, 3), np.concatenate([actions] * 12), more)
     path = tmp_path_factory.mktemp("places") / "set.parquet"
     rpil.write(path, data)
-    here, disk, there = (
-        small_rpil(engine=engine).fit(of).audit_
-        for of, engine in (
-            (data, None),
-            (rpil.open(path, on_disk=True), None),
-            (rpil.open(path, on_disk=True), rpil.DaskEngine(cluster)),
-        )
-    )
+    here = small_rpil().fit(data).audit_
+    engines = None, rpil.DaskEngine(cluster)
+    disk, there = (small_rpil(engine=engine).fit(rpil.open(path, on_disk=True)).audit_ for engine in engines)
     assert (here.finding, here.verdicts) == (disk.finding, disk.verdicts) == (there.finding, there.verdicts)
 
 

@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import lerobot_folders
+import rpil
 from command_line import call, ok, refused
 from recordings import spike
 from recordings import write_recording as write
+from rpil.cli import commands
 
 
 def missing(observations, ids):
@@ -27,13 +30,17 @@ def test_findings_are_written_and_decide_the_exit_code():
         assert call("check", "data.parquet", "--fail-on", fail_on).exit_code == code
 
 
+@pytest.mark.parametrize(("rules", "found"), [((), {}), (("spike",), {}), (("totals",), {"totals": 1})])
+def test_an_audit_looks_into_files_for_rules_that_are_named(tmp_path, rules, found):
+    folder = lerobot_folders.write(tmp_path / "set", [30] * 5)
+    lerobot_folders.change_info(folder, total_frames=7)
+    assert commands.look_for_faults(rpil.open(folder), lambda stage: None, rules=rules).counts == found
+
+
 def test_expected_in_another_form_is_refused():
     write("data.parquet")
-    for text, match in (
-        ('{"spikes": [4]}', "no rule 'spikes'"),
-        ('{"spike": 4.5}', "needs a list"),
-        ('{"spike": [4', "JSON"),
-    ):
+    wrong = {'{"spikes": [4]}': "no rule 'spikes'", '{"spike": 4.5}': "needs a list", '{"spike": [4': "JSON"}
+    for text, match in wrong.items():
         Path("faults.json").write_text(text)
         refused(match, "check", "data.parquet", "--expected", "faults.json")
 

@@ -5,30 +5,22 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
+import asked
 import rpil
+from asked import BAD, N_STEPS
 from command_line import call, ok, refused
 from rpil import formats
 from rpil.estimators.pipeline import FitOptions
 
-N_STEPS, BAD = 40, {3, 5, 8, 9}
-
 
 def write(name, n, bad, seed, **changes):
-    """`n` demonstrations of a controller, but for the `bad` ones, which act at random."""
-    rng = np.random.default_rng(seed)
-    owner = np.repeat(np.arange(n), N_STEPS)
-    x, v = rng.normal(size=(2, n * N_STEPS))
-    is_bad = np.isin(owner, list(bad))
-    action = np.where(is_bad, rng.uniform(-1, 1, len(x)), np.tanh(2 * x - v) + 0.1 * rng.normal(size=len(x)))
-    ends = np.tile(np.arange(N_STEPS) == N_STEPS - 1, n)
-    columns = {"episode_index": owner, "x": x, "v": v, "action": action, "next.success": ends & ~is_bad}
-    columns |= {"day": np.where(owner % 2, "mon", "tue"), "half": np.arange(len(x)) / 2}
-    pq.write_table(pa.table({**columns, **changes}), name)
-    return name
+    """`n` demonstrations, of which the `bad` ones act at random, with outcomes and days."""
+    owner, ends = np.repeat(np.arange(n), N_STEPS), np.tile(np.arange(N_STEPS) == N_STEPS - 1, n)
+    columns = {"next.success": ends & ~np.isin(owner, list(bad)), "day": np.where(owner % 2, "mon", "tue")}
+    columns |= {"half": np.arange(len(owner)) / 2}
+    return asked.write(name, n, None, bad, seed, **columns | changes)
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import rpil
-from asked import BAD, write
+from asked import BAD, MANY, with_jumps, write
 from command_line import call, ok, refused
 from rpil import formats
 
@@ -42,8 +42,8 @@ def test_convert_writes_operator_and_task_of_each_demonstration():
     refused("named twice|would join", "convert", "in.csv", "-o", "in.csv")
 
 
-FEW, MANY = 24, 12
-"""Numbers of demonstrations of which the four bad ones are less and more than a fifth."""
+FEW = 24
+"""Demonstrations of which the four bad ones are less than a fifth; of `MANY` they are more."""
 
 COLUMNS = ["--observations", "x,v"]
 
@@ -78,17 +78,6 @@ def test_the_page_shows_what_is_printed():
         plain = [re.sub(r"\d+", "0", " ".join(text.split())) for text in (block, printed)]
         assert plain[0] == plain[1]
         assert kept_in("kept.parquet") == {*range(MANY)} - (BAD if given else set())
-
-
-def with_jumps(name, faulty, n=MANY):
-    """Demonstrations that all follow one policy; a column of the `faulty` ones leaps once by far."""
-    rng = np.random.default_rng(0)
-    states = np.cumsum(rng.normal(0, 0.05, (n, 80, 2)), axis=1)
-    actions = states @ [1.0, -0.5] + rng.normal(0, 0.02, (n, 80))
-    states[sorted(faulty), 40:, 0] += 20
-    steps = states.reshape(-1, 2), actions.reshape(-1, 1), np.repeat(range(n), 80)
-    rpil.write(name, rpil.Demonstrations.from_groups(*steps))
-    return name
 
 
 def test_faults_that_are_named_are_rejected():

@@ -52,10 +52,9 @@ def test_an_interruption_leaves_the_answers(data, monkeypatch):
         def stop(self):
             raise KeyboardInterrupt
 
-    invoked = CliRunner()
     lines = Lines("1\ng\n")
     monkeypatch.setattr("rpil.cli.label.sys", type("Sys", (), {"stdin": lines, "stdout": sys.stdout}))
-    result = invoked.invoke(main, ["label", data, "--observations", "x,v"], obj=FAST)
+    result = CliRunner().invoke(main, ["label", data, "--observations", "x,v"], obj=FAST)
     assert result.exit_code == 130
     assert result.stderr.endswith("rpil: interrupted.\n")
     assert len(rows()) == 3

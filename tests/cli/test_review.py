@@ -11,7 +11,7 @@ from urllib.parse import unquote, urlsplit
 import pyarrow.parquet as pq
 import pytest
 
-from asked import BAD, N_STEPS, read_answers, write
+from asked import BAD, N_STEPS, read_answers, with_jumps, write
 from command_line import ok, refused
 from rpil.cli.questions.server import Gate
 from served import need_server, reviewing
@@ -42,7 +42,7 @@ def test_what_was_answered_outlives_the_server(data):
         assert (spared["kept"], spared["rejected"]["labels"]) == (seen["kept"] + 1, [8, 9])
         finished = client.post("/api/finish", version=2, write=True)[1]
         command = f"rpil audit {data} --observations x,v --labels labels.csv"
-        assert finished["files"]["keep"] == "labels-keep.json"
+        assert (finished["files"]["keep"], finished["command"][-17:]) == ("labels-keep.json", "-o d-kept.parquet")
         good = client.view()["demonstrations"]["verdict"]
         kept = json.loads(Path("labels-keep.json").read_text())["episodes"]
         assert kept == [m for m, word in enumerate(good) if word != "bad"]
@@ -74,10 +74,8 @@ def test_a_review_writes_where_no_link_leads(data):
             content = Path(name).read_bytes()
             Path(name).write_text("MINE")
             status, answer = client.post("/api/finish", version=0, write=True)
-            assert (status, answer["error"].partition(";")[0]) == (
-                400,
-                f"{name}: it is there, and no review of these data wrote it",
-            )
+            said = f"{name}: it is there, and no review of these data wrote it"
+            assert (status, answer["error"].partition(";")[0]) == (400, said)
             assert Path(name).read_text() == "MINE"
             Path(name).write_bytes(content)
         kept = Path("mine-keep.json").read_text()
@@ -92,6 +90,17 @@ def test_a_review_writes_where_no_link_leads(data):
     with reviewing("other.parquet", "--labels", "mine.csv") as (_, client):
         assert client.post("/api/finish", version=0, write=True)[0] == 400, "they are of other data"
     assert Path("keep.json").read_text() == "MINE"
+
+
+def test_faults_of_the_rules_that_a_page_names_reject(monkeypatch):
+    shown = []
+    monkeypatch.setattr("rpil.cli.questions.server.application", lambda review, gate: shown.append(review))
+    monkeypatch.setattr("rpil.cli.questions.server.serve", lambda application, at: None)
+    ok("review", with_jumps("jumps.parquet", {2, 7}), "-q", "--no-browser")
+    for rules, expected in ((["jump", "lag"], {"faults": [2, 7]}), (["lag"], {}), ("jump", {})):
+        found = shown[0].finish({"rules": rules})
+        rejected = {rule: rows for rule, rows in found["rejected"].items() if rows}
+        assert (rejected, found["kept"]) == (expected, 12 - 2 * len(expected))
 
 
 def test_without_the_extra_it_is_named_before_any_work(monkeypatch):
@@ -115,11 +124,8 @@ def test_the_browser_is_given_a_private_page_that_leads_to_the_address(data, mon
     [url] = re.findall(r"http://\S+", out)
     assert address.startswith("file:///")
     assert url.rpartition("=")[2] not in address, "all users of a computer see with what a program was started"
-    assert (content, mode & 0o777, mode_of_folder & 0o777) == (
-        f'<meta http-equiv="refresh" content="0; url={url}">',
-        0o600,
-        0o700,
-    )
+    assert content == f'<meta http-equiv="refresh" content="0; url={url}">'
+    assert (mode & 0o777, mode_of_folder & 0o777) == (0o600, 0o700)
     assert not page.parent.exists()
     assert Gate(served[0], "x").url[:-1] in out
     assert out.endswith("No answer was given, and nothing was written.\n")

@@ -23,11 +23,9 @@ def test_a_text_is_cut_after_so_many_lines():
 def test_numbers_stand_at_the_right_and_the_last_column_is_cut():
     verdict = click.style("outlier", fg="red")
     columns = {"id": ["1", "10"], "verdict": [verdict, verdict], "score": ["-3.5", "+12.0"], "why": ["ab", "c" * 40]}
-    assert [*terminal.table_lines(columns, 40)] == [
-        "id  verdict  score  why",
-        f"1   {verdict}   -3.5  ab",
-        f"10  {verdict}  +12.0  {'c' * 17}...",
-    ]
+    head, first, second = terminal.table_lines(columns, 40)
+    assert (head, first) == ("id  verdict  score  why", f"1   {verdict}   -3.5  ab")
+    assert second == f"10  {verdict}  +12.0  {'c' * 17}..."
     assert [*terminal.table_lines(columns, None)][2].endswith("c" * 40)
 
 

@@ -27,7 +27,7 @@ def data():
 
 @pytest.fixture(scope="module")
 def fitted(data):
-    return RPIL().fit(data)
+    return RPIL(adversary="uniform").fit(data)
 
 
 @pytest.fixture
@@ -85,8 +85,8 @@ WEIGHTS = "policy/weights.npy"
     ("member", "array"),
     [
         (WEIGHTS, None), (WEIGHTS, np.ones((3, 3), dtype=np.float32)), (WEIGHTS, np.ones((4, 3))),
-        (WEIGHTS, np.full((3, 3), np.nan)), ("more.npy", np.zeros(2)), ("classes.npy", np.arange(4)),
-        ("classes.npy", np.array([2, 1, 0])),
+        (WEIGHTS, np.full((3, 3), np.nan)), (WEIGHTS, np.diag([0, 0, -np.inf])), ("more.npy", np.zeros(2)),
+        *(("classes.npy", np.array(classes)) for classes in ([0, 1, 2, 3], [2, 1, 0], [0, 0, 1], [0, 1, 1], [0, 2, 1])),
     ],
 )  # fmt: skip
 def test_load_refuses_missing_extra_and_misshapen_arrays(saved, member, array):
@@ -110,6 +110,7 @@ def set_in(tree, path, value):
         (("fitted", "policy_"), ...), (("fitted", "more_"), 1), (("fitted", "policy_", "class"), "os.system"),
         (("fitted", "policy_", "fields", "ridge"), ...), (("fitted", "features_", "fields", "kind"), "nystroem"),
         (("classes",), {"array": ["classes"]}), (("names",), ["x", "y", "z"]), (("names",), "xy"), (("classes",), None),
+        *((("fitted", "state_", "fields", "prior", "fields", "p"), p) for p in (0.0, 1.0, 1.5)),
     ],
 )  # fmt: skip
 def test_load_refuses_inconsistent_headers(saved, path, value):

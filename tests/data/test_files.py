@@ -7,14 +7,7 @@ import pytest
 from problems import refused_file
 from rpil.data.archive import read_archive
 from rpil.data.errors import DataError
-from rpil.data.files import (
-    check_exists,
-    check_extension,
-    check_outputs,
-    check_readable,
-    check_writable,
-    replacing,
-)
+from rpil.data.files import check_exists, check_extension, check_outputs, check_readable, check_writable, replacing
 
 
 @pytest.mark.parametrize(

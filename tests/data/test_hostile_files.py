@@ -218,13 +218,10 @@ def flat(**sizes):
     """Two demonstrations as D4RL keeps them, of which some arrays declare other sizes."""
 
     def make(path):
+        arrays = {"observations": np.ones((36, 3)), "actions": np.ones((36, 2))}
+        arrays["terminals"] = np.isin(np.arange(36), [17, 35])
         with h5py.File(path, "w") as file:
-            ends = np.isin(np.arange(36), [17, 35])
-            for name, values in {
-                "observations": np.ones((36, 3)),
-                "actions": np.ones((36, 2)),
-                "terminals": ends,
-            }.items():
+            for name, values in arrays.items():
                 if name in sizes:
                     file.create_dataset(name, sizes[name], values.dtype, chunks=(36, 2))
                 else:

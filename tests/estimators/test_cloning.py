@@ -9,9 +9,9 @@ from problems import coefficients, curved, make, told
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.estimators.cloning import BehavioralCloning
+from rpil.estimators.cloning import BehavioralCloning, LinearPolicySpec
 from rpil.policies.features import FeatureSettings
-from rpil.policies.selection import choose_features
+from rpil.policies.selection import FeatureChoice, choose_features
 from rpil.policies.settings import SelectionSettings
 
 
@@ -59,3 +59,12 @@ def test_cloning_takes_what_is_chosen():
     assert np.mean(model.predict(observations) == codes) > 0.97
     rows = BehavioralCloning("auto").fit(observations, codes)  # every row is held out on its own
     assert rows.features_.kind == "nystroem"
+
+
+@pytest.mark.parametrize(("largest", "least"), [(0.2, 0.1), (1.0, 0.5), (4.0, 0.5)])
+def test_a_feature_map_is_fitted_to_the_steps_that_are_trusted(largest, least):
+    X, weight = np.random.default_rng(0).normal(size=(40, 2)), np.linspace(0, largest, 40)
+    spec = LinearPolicySpec("raw", None, 1e-8, SelectionSettings(), min_feature_weight=0.5)
+    found = spec.feature_map(FeatureChoice("raw", 1e-5), X, weight)
+    trusted = weight > least
+    np.testing.assert_allclose(found.center, np.average(X[trusted], axis=0, weights=weight[trusted]))

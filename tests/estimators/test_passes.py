@@ -18,7 +18,7 @@ from small import SAMPLE, small_rpil
 
 def demonstrations(kind="random", seed=0, n_good=80, n_bad=40, maker=make):
     toy = maker(kind, seed, n_good=n_good, n_bad=n_bad, steps=(20, 60))
-    return toy, Demonstrations(toy.observations, toy.actions, toy.offsets, toy.ids)
+    return toy, toy.demonstrations
 
 
 def both(data, fit=None, **options):

@@ -12,26 +12,20 @@ from rpil.faults.motion import CommandRule, Jump, RepeatedFrames, Scale, Spike
 from rpil.faults.rule import Fault, Measurements, above
 from rpil.faults.still import FrozenSensor, NeverMoves, Saturation
 from rpil.faults.tracking import Tracked
-from rpil.faults.whole_rules import IdleEnd, Length, OtherLag
+from rpil.faults.whole_rules import IdleEnd, Length, OtherLag, Sign
 
 M = 8
 
 
 def columns(n=1, moving=1.0, is_action=False, memory=1.0):
-    ones = np.ones(n)
-    return MeasuredColumns(
-        tuple(f"c{k}" for k in range(n)),
-        np.arange(n),
-        np.full(n, is_action),
-        *(ones, ones, np.full(n, moving), np.full(n, memory)),
-        partner=np.full(n, -1),
-    )
+    names, known = tuple(f"c{k}" for k in range(n)), (np.ones(n), np.ones(n), np.full(n, moving), np.full(n, memory))
+    return MeasuredColumns(names, np.arange(n), np.full(n, is_action), *known, partner=np.full(n, -1))
 
 
 def applied(rule, *measured, lengths=None, of=None):
     """A rule, of arrays (M,) or (M, C) of what its measure gave."""
     n = len(measured[0]) if measured else len(lengths)
-    pairs = (SimpleNamespace(usual=np.full(100, 1.0)),)
+    pairs = (SimpleNamespace(usual=np.full(100, 1.0), action=0, correlation=0.5),)
     none = np.zeros(0, dtype=int)
     tracked = Tracked(none, none, np.zeros(0), np.zeros(0, dtype=bool))
     learned = SimpleNamespace(columns=of or columns(), pairs=pairs, tracked=tracked)
@@ -105,6 +99,22 @@ def test_a_lag_of_few_steps_may_be_another_by_chance():
     for steps, found_in in ((2, [0]), (1, [])):  # two and a half standard deviations are .25, and .35
         rule = applied(OtherLag, shift, gain, lengths=np.full(M, steps))
         assert [fault.id for fault in rule.findings()] == found_in
+
+
+@pytest.mark.parametrize(
+    ("agreement", "steps", "expected"),
+    [
+        ([-0.36], 400, 1.2), ([-0.29], 400, None), ([0.9], 400, None), ([-0.6] * 2, 400, 2.0),
+        ([-0.55], 100, 1.1), ([-0.45], 100, None),  # five standard deviations of 100 steps are .5
+        ([-0.6] * 3, 400, "unknown"), ([0.29] * 8, 400, "unknown"),  # in most it is not as usual
+    ],
+)  # fmt: skip
+def test_another_sign_is_that_of_few_and_beyond_chance(agreement, steps, expected):
+    nothing, agreement = np.zeros(M), np.array(agreement + [0.5] * (M - len(agreement)))[:, None]
+    rule = applied(Sign, nothing, nothing, agreement, lengths=np.full(M, steps))
+    assert rule.silent == (("c0",) if expected == "unknown" else ())
+    worst = max((fault.severity for fault in rule.findings()), default=None)
+    assert worst == (None if expected in ("unknown", None) else pytest.approx(expected))
 
 
 @pytest.mark.parametrize(("memory", "is_known"), [(0.71, True), (0.69, False)])

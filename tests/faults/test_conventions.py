@@ -56,10 +56,8 @@ def test_tasks_with_homes_on_either_side_are_no_conventions(told):
     episodes = [
         (x * [1, -1, 1, 1], a * [1, -1, 1, 1]) if o else (x, a) for (x, a), o in zip(CLEAN, is_other, strict=True)
     ]
-    frames = [
-        pd.DataFrame(np.c_[x, a], columns=[*(f"state.{k}" for k in range(4)), *(f"action.{k}" for k in range(4))])
-        for x, a in episodes
-    ]
+    names = [f"{kind}.{k}" for kind in ("state", "action") for k in range(4)]
+    frames = [pd.DataFrame(np.c_[x, a], columns=names) for x, a in episodes]
     frame = pd.concat([one.assign(episode=m, task="place" if is_other[m] else "pick") for m, one in enumerate(frames)])
     options = {"task": "task"} if told else {"observations": "state.*"}
     assert "two conventions" not in check(rpil.open(frame, **options)).counts

@@ -98,6 +98,7 @@ def test_other_numbers_of_frames_than_the_recording_says_are_found():
         (np.floor(clock(data=DATA, rate=20)), []),  # a clock of whole seconds
         (np.floor(clock(data=DATA, rate=20) / 0.03) * 0.03, []),
         (clock([(m, step, 10) for m in range(12) for step in (21, 31)], DATA, 20), []),  # gaps of half a second
+        (clock(data=DATA, rate=20) - 0.01 * (np.arange(DATA.n_steps) % 3), []),  # two short steps and a long one
         (None, []),
     ],
 )
@@ -105,8 +106,17 @@ def test_other_frames_a_second_than_declared_are_one_finding(timestamps, said):
     report = rpil.check(DATA, times=Times(timestamps, 20.0))
     found = [one for one in report.findings if one.rule == "timestamps"]
     assert [one.sentence for one in found] == said
-    assert all(one.id == "" for one in found)
+    assert {(one.id, one.first, one.last) for one in found} <= {("", 0, 0)}
     assert report.odd == tuple(dict.fromkeys(one.id for one in report.lines if one.id != ""))
+
+
+@pytest.mark.parametrize(("n", "n_found"), [(150, 1), (2, 0)])
+def test_another_rate_is_known_of_demonstrations_shorter_than_a_second_but_not_of_few_frames(n, n_found):
+    """Times go on through all; the first demonstration has one step, of which nothing is known."""
+    lengths = [1] + [n] * 4 + [150] * 3
+    data = demonstrations([(x[:k], u[:k]) for k, (x, u) in zip(lengths, recording(8), strict=True)])
+    report = check(data, times=Times(9.0 + np.arange(data.n_steps) / 1850, 2000.0))
+    assert report.counts.get("timestamps", 0) == n_found
 
 
 def test_findings_of_files_and_videos_are_in_the_same_table(tmp_path):

@@ -58,10 +58,8 @@ def test_what_is_wrong_is_in_its_cell_and_has_a_remedy():
         line.endswith("; rpil check FILE --format json lists the steps to keep under trims") for line in found.stumbles
     )
     moved = sorted(table_of(frame(moved=(2, 3))).stumbles)
-    assert [line.partition(" ")[2][:30] for line in moved] == [
-        "demonstration 2: action.0 is 2",
-        "demonstration 3: action.0 is 2",
-    ]
+    said = [line.partition(" ")[2][:30] for line in moved]
+    assert said == [f"demonstration {m}: action.0 is 2" for m in (2, 3)]
     assert moved[0].endswith("; rpil keep FILE -o NEW --without-faults offset")
     read = rpil.open(frame(moved=(2, 3)), observations="state.*")
     (line, _) = set_table(read, rpil.check(read), "my set.csv").stumbles

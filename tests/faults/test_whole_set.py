@@ -42,6 +42,14 @@ def test_a_command_that_stays_while_its_state_goes_on_is_named_in_any_share(shar
     assert {(one.column, one.first) for one in found} == {(column, 40)}
 
 
+def test_a_command_that_stays_for_longer_than_usual_is_compared_with_the_others():
+    short = [(x[:80], a[:80]) for x, a in CLEAN]
+    short[3] = short[3][0], stays(short[3][1], slice(40, 64))
+    (fault,) = check(demonstrations(short)).findings
+    assert (fault.rule, fault.threshold, fault.severity) == ("frozen action", 12, 23 / 12)
+    assert "while others move (usual" in fault.sentence
+
+
 def test_a_command_that_stays_until_its_state_is_there_is_clean():
     """Waypoints: a step of the command, and a state that goes there within half a second and stays."""
     rng, made = np.random.default_rng(0), []

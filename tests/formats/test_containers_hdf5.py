@@ -87,10 +87,8 @@ def test_filter_keys_in_other_files_are_not_read(tmp_path):
         file.create_group("mask/group")
     find(path).keep(output, ["demo_0", "demo_10"])
     with h5py.File(output) as file:
-        assert {key: names[()].tolist() for key, names in file["mask"].items()} == {
-            "train": [b"demo_0"],
-            "valid": [b"demo_10"],
-        }
+        masks = {key: names[()].tolist() for key, names in file["mask"].items()}
+        assert masks == {"train": [b"demo_0"], "valid": [b"demo_10"]}
 
 
 @pytest.mark.parametrize("room", [3_000, 20_000])

@@ -1,5 +1,7 @@
 """CSV files as people write them: each is read as meant, or refused with a sentence that says what to do."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
@@ -94,16 +96,30 @@ def test_a_demonstration_in_two_files_is_refused(tmp_path, columns, other, name)
             read_recording(tmp_path, on_disk=on_disk)
 
 
-@pytest.mark.parametrize("session", ["session", "operator", "task"])
-@pytest.mark.parametrize("order", ["step", None])
-def test_episodes_that_each_session_counts_anew_are_refused(tmp_path, session, order):
-    columns = {session: RUN // 2, "episode": RUN % 2, "x": X[:, 0], "action": TURN}
-    columns |= {order: STEP} if order else {}
-    (tmp_path / "a.csv").write_text(text(columns))
-    message = f"demonstration 0, row 31: column '{session}' changes within this demonstration; write a column of ids"
-    with refused(message):
-        formats.read(tmp_path / "a.csv")
-    assert len(formats.read(tmp_path / "a.csv", id="episode")) == 2
+HALF = STEP // 8
+
+
+@pytest.mark.parametrize(
+    ("other", "episode", "rows", "has_order", "at"),
+    [
+        (HALF, RUN, None, True, None), (HALF, RUN, None, False, 9), (0 * STEP, RUN, None, False, None),
+        (HALF, RUN, SHUFFLED, True, None), (HALF, RUN, np.argsort(HALF, kind="stable"), True, 33),
+        (np.minimum(STEP // 2, 7 - (RUN > 1)), RUN, None, False, 3),  # half of the rows would begin a demonstration
+        (np.minimum(STEP // 2, 7 - (RUN > 2)), RUN, None, False, None),
+        (RUN // 2, RUN % 2, None, True, 31), (RUN // 2, RUN % 2, None, False, 31),  # each session counts anew
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("name", ["session", "operator", "task"])
+def test_rows_of_one_id_are_several_where_another_column_divides_them(
+    tmp_path, name, other, episode, rows, has_order, at
+):
+    columns = {name: other, "episode": episode, "x": X[:, 0], "action": TURN}
+    columns |= {"step": STEP} if has_order else {}
+    (tmp_path / "a.csv").write_text(text(columns, rows=rows))
+    words = f"demonstration 0, row {at}: column '{name}' changes within this demonstration; write a column of ids"
+    with refused(words) if at else nullcontext():
+        assert len(formats.read(tmp_path / "a.csv")) == len({*episode})
+    assert len(formats.read(tmp_path / "a.csv", id="episode")) == len({*episode})
 
 
 def test_order_that_is_text_is_said(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 
 import lerobot_folders
 import rpil
-from command_line import ok, refused
+from command_line import ok, refused, write_lines
 from rpil.data.errors import DataError
 
 pytestmark = pytest.mark.usefixtures("current_folder")
@@ -22,11 +22,6 @@ def table(n=8, length=6, head="episode_index,observation.x,action,note"):
     rng = random.Random(0)
     rows = [f"{m},{rng.random():.4f},{rng.randint(0, 1)},ok" for m in range(n) for _ in range(length)]
     return [head, *rows]
-
-
-def written(name, lines):
-    Path(name).write_text("\n".join(lines) + "\n")
-    return name
 
 
 @pytest.mark.parametrize(
@@ -43,7 +38,7 @@ def written(name, lines):
 def test_rows_that_a_quotation_joins_are_told(damage):
     lines = table()
     damage(lines)
-    refused(r"q\.csv, line 10: a quotation", "info", written("q.csv", lines))
+    refused(r"q\.csv, line 10: a quotation", "info", write_lines("q.csv", lines))
 
 
 def test_damaged_rows_are_counted():
@@ -51,19 +46,19 @@ def test_damaged_rows_are_counted():
     lines[5], lines[20], lines[40] = "0,0.5", "\0\0\0\0", "6,0.25,1,ok,5,6"
     for on_disk in (False, True):
         with pytest.raises(DataError, match=r"line 6: 2 values for 4 columns in '0,0\.5', the first of 3 dama"):
-            rpil.open(written("a.csv", lines), on_disk=on_disk)
+            rpil.open(write_lines("a.csv", lines), on_disk=on_disk)
 
 
 def texts(folder):
     for m in range(5):
-        written(folder / f"{m}.csv", [line.split(",", 1)[1] for line in table(1, 8)])
+        write_lines(folder / f"{m}.csv", [line.split(",", 1)[1] for line in table(1, 8)])
     (folder / "2.csv").write_bytes(b"\0" * 300)
 
 
 def cut_line(folder):
     for m in range(5):
         steps = [{"observation": {"x": m + k / 7}, "action": k % 2} for k in range(8)]
-        written(folder / f"{m}.jsonl", [json.dumps(step) for step in steps])
+        write_lines(folder / f"{m}.jsonl", [json.dumps(step) for step in steps])
     (folder / "2.jsonl").write_bytes((folder / "2.jsonl").read_bytes()[:-20])
 
 

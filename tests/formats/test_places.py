@@ -1,14 +1,12 @@
 """Demonstrations that end at pauses, stretches, and columns of LeRobot's ``meta/episodes``."""
 
-from pathlib import Path
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pytest
 
 import rpil
-from command_line import ok, refused
+from command_line import ok, refused, write_lines
 from episode_rows import N, T, episodes, written
 from rpil.data.errors import DataError
 from samples import assert_same
@@ -59,9 +57,9 @@ def test_a_log_is_split_by_its_times_and_its_action_is_found(tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     seconds = [*SECONDS[:5], 9.0, 9.1, 9.2]
     lines = [f"{second}, {k % 3 / 10}, .{k + 1}, {k}.5" for k, second in enumerate(seconds)]
-    words = [written_lines("driving_log.csv", lines)]
+    words = [write_lines("driving_log.csv", lines)]
     refused("put the names of its 4 columns above it, or give a frame in Python", "info", *words)
-    written_lines("driving_log.csv", ["time_s,steering,accel_cmd,nav_command", *lines])
+    write_lines("driving_log.csv", ["time_s,steering,accel_cmd,nav_command", *lines])
     refused("or end demonstrations at pauses with --split-gap", "info", *words)
     done = ok("info", *words, "--split-gap", "1")
     assert "3 demonstrations, 8 steps, 0.5 s at 10 a second" in done.stdout
@@ -70,11 +68,6 @@ def test_a_log_is_split_by_its_times_and_its_action_is_found(tmp_path, monkeypat
     assert len(rpil.read("log.parquet")) == 3
     refused("first run rpil convert driving_log.csv --split-gap 1 -o ALL.parquet", "keep", *words, "--split-gap", "1",
             "--action", "steering", "-o", "new.csv", "--share", ".9")  # fmt: skip
-
-
-def written_lines(name, lines):
-    Path(name).write_text("\n".join(lines) + "\n")
-    return name
 
 
 @pytest.mark.parametrize(

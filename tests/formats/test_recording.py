@@ -106,10 +106,8 @@ def test_whole_numbers_are_classes_where_they_are_few(tmp_path, case, kind):
     values, steps = values.astype(kind), np.array([0, 1, len(values)])
     ones = np.ones((len(values), 1))
     assert Demonstrations(ones, values, steps).action_kind == wanted
-    pq.write_table(
-        pa.table({"episode": np.sign(np.arange(len(values))), "x": ones[:, 0], "action": values}),
-        tmp_path / "a.parquet",
-    )
+    columns = {"episode": np.sign(np.arange(len(values))), "x": ones[:, 0], "action": values}
+    pq.write_table(pa.table(columns), tmp_path / "a.parquet")
     for on_disk in (False, True):
         recording = read_recording(tmp_path / "a.parquet", on_disk=on_disk)
         assert recording.description.action_kind == wanted

@@ -43,10 +43,8 @@ def test_a_folder_without_a_name_is_read_on_disk(tmp_path, monkeypatch, where):
 def table(ids, actions, decimal="."):
     separator = ";" if decimal == "," else ","
     lines = [["episode_id", "step", "observation.x", "action", "task"]]
-    lines += [
-        [m, k, f"{k / 7:.3f}".replace(".", decimal), a, "lift"]
-        for k, (m, a) in enumerate(zip(ids, actions, strict=True))
-    ]
+    rows = enumerate(zip(ids, actions, strict=True))
+    lines += [[m, k, f"{k / 7:.3f}".replace(".", decimal), a, "lift"] for k, (m, a) in rows]
     return "".join(separator.join(map(str, line)) + "\n" for line in lines)
 
 

@@ -9,6 +9,7 @@ import pytest
 from problems import refused_file
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
+from rpil.formats.table import first_rows, kinds_of
 
 SUFFIXES = [".parquet", ".csv", ".npz"]
 NASTY = [[0.1, -0.0], [np.nextafter(1, 2), 5e-324], [1e308, -1 / 3], [0.0, 2.0**60], [np.pi, 1e-17]]
@@ -183,3 +184,13 @@ def test_bad_truth(tmp_path, suffix):
         refused_file("would be taken for data", formats.write, path, demonstrations(), {name: [0, 1]})
     refused_file("one value for each of 2", formats.write, path, demonstrations(), {"is_good": [0]})
     assert not path.exists()
+
+
+def test_texts_of_which_half_are_numbers_are_mixed_and_pairs_are_found_at_their_first_rows():
+    for texts, kind in ((["1", "x"], "mixed"), (["1", "x", "y"], "text"), (["1", "1", "x", "y"], "text")):
+        assert kinds_of(pa.table({"a": texts})) == {"a": kind}
+    rng = np.random.default_rng(0)
+    for n in (2, 5):
+        group, codes = rng.integers(0, n, 60), rng.integers(-1, n, 60)  # -1 is no value
+        pairs = [*zip(group.tolist(), codes.tolist(), strict=True)]
+        assert first_rows(group, codes).tolist() == [k for k, pair in enumerate(pairs) if pair not in pairs[:k]]

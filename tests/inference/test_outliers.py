@@ -186,11 +186,9 @@ def test_where_the_state_says_nothing_discrete_outliers_are_found_all_the_same()
 
 def test_verdicts_and_groups_follow_from_the_finding():
     lower = np.array([False, True, False, True])
-    for finding, verdicts, groups in (
-        ("outliers", [0, -1, 0, -1], None),
-        ("a group apart", [0] * 4, [[0, 2], [1, 3]]),
-        ("two groups", [0] * 4, [[0, 2], [1, 3]]),
-    ):
+    nobody = [0] * 4, [[0, 2], [1, 3]]
+    cases = ("outliers", [0, -1, 0, -1], None), ("a group apart", *nobody), ("two groups", *nobody)
+    for finding, verdicts, groups in cases:
         found = Claims(finding, lower)
         assert found.verdicts.tolist() == verdicts
         assert (found.groups and [group.tolist() for group in found.groups]) == groups

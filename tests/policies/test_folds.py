@@ -34,13 +34,8 @@ def test_fold_of_a_demonstration_does_not_depend_on_copies_units_or_order_of_col
 def test_same_steps_in_another_order_are_another_demonstration():
     problem = make("noisy", 1, n_good=1, n_bad=0, steps=(30, 30)).problem()
     steps = np.concatenate([np.random.default_rng(m).permutation(30) for m in range(12)])
-    shuffled = replace(
-        problem,
-        features=problem.features[steps],
-        actions=problem.actions[steps],
-        offsets=np.arange(13) * 30,
-        labels=np.zeros(12, dtype=int),
-    )
+    own = {"features": problem.features[steps], "actions": problem.actions[steps]}
+    shuffled = replace(problem, **own, offsets=np.arange(13) * 30, labels=np.zeros(12, dtype=int))
     order = np.random.default_rng(0).permutation(12)
     np.testing.assert_array_equal(deal(shuffled, 5, 0)[order], deal(shuffled.select(order), 5, 0))
 

@@ -46,11 +46,8 @@ def sentence(counts):
 @pytest.mark.parametrize("labels", [{0: "good"}, {0: "bad", 4: "bad"}])
 def test_two_groups_are_told_until_answers_contrast(labels):
     audit, words = two_groups(), (FINDINGS["answered"], VOCABULARIES["answers"].explanation)
-    assert audit.assumptions == (
-        FINDINGS["two groups"],
-        VOCABULARIES["none"].explanation,
-        "Lengths and rewards were not used.",
-    )
+    before = FINDINGS["two groups"], VOCABULARIES["none"].explanation
+    assert audit.assumptions == (*before, "Lengths and rewards were not used.")
     one = audit.answered(labels)
     assert (one.identifiable, one.competing, one.notes) == (False, audit.competing, audit.notes)
     count = "1 label" if len(labels) == 1 else "2 labels"

@@ -33,12 +33,8 @@ def test_demonstrators_are_told_with_their_words_and_their_trust_if_it_is_known(
     audit = make_audit(("open", "open", "outlier", "open"), lengths=[10, 20, 30, 40], demonstrators=(ann, bob))
     first, second = json.loads(json.dumps(audit.to_dict()))["demonstrators"]
     assert first["trust"] == {"mean": 0.8, "low": 0.7, "high": 0.9}
-    assert second == {
-        "name": "Bob",
-        "trust": None,
-        "n_demonstrations": 2,
-        "verdicts": {"open": 1, "outlier": 1},
-    }
+    counts = {"n_demonstrations": 2, "verdicts": {"open": 1, "outlier": 1}}
+    assert second == {"name": "Bob", "trust": None} | counts
 
 
 def test_the_text_names_finding_doubts_words_and_the_question():

@@ -63,10 +63,8 @@ def test_answers_of_all_stay_but_for_pairs_of_different_tasks():
     ends = np.array([[np.nan, 7, 1], [2, 8, 1], [0.5, 1, 1], [3, 1, 1], [4, 1, 1]])
     pairs, tied = np.array([[2, 0], [0, 1], [1, 3], [4, 0]]), np.array([[0, 2], [3, 1], [3, 4]])
     given = Answers(np.array([1, 0, 0, -1, 0]), pairs, ends, tied, ("-b", "a", "c"))
-    one, other = (
-        replace(Answers.none(2), names=("-b", "a"), heard=(0, -1)),
-        replace(Answers.none(2), names=("-b",), heard=(1,)),
-    )
+    one = replace(Answers.none(2), names=("-b", "a"), heard=(0, -1))
+    other = replace(Answers.none(2), names=("-b",), heard=(1,))
     answers = joined({"answers": one}, {"answers": other}, answers=given).answers
     assert (answers.names, answers.heard) == (given.names, (1, -1, 1))
     assert (answers.pairs.tolist(), answers.tied.tolist()) == ([[2, 0], [1, 3]], [[0, 2], [3, 1]])

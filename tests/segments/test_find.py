@@ -297,10 +297,8 @@ def test_step_scores_are_a_fact():
     first = made.offsets[plain.demonstration] + plain.start
     bad = np.random.default_rng(0).random(len(first)) < 0.5
     ratio = np.repeat(np.where(bad, -1.0, 1.0), plain.end - plain.start)
-    told = [
-        (int(m), int(a), int(b), not is_bad)
-        for m, a, b, is_bad in zip(plain.demonstration, plain.start, plain.end, bad, strict=True)
-    ]
+    rows = zip(plain.demonstration, plain.start, plain.end, bad, strict=True)
+    told = [(int(m), int(a), int(b), not is_bad) for m, a, b, is_bad in rows]
     found = find_segments(made, ratio, labels=told[:20])
     assert len(first) == len(found.score)
     below = found.score[20:][bad[20:], None] < found.score[20:][~bad[20:]]

@@ -19,14 +19,10 @@ def values(curve):
 def test_parts_of_the_action_come_first_and_then_the_observations(data):
     demonstrations = read(data, observations=["x", "v"])
     recorded = Recorded(demonstrations)
-    assert [(one["name"], one["is_action"]) for one in recorded.columns] == [
-        ("action", True),
-        ("x", False),
-        ("v", False),
-    ]
-    assert [one["spread"] for one in recorded.columns[1:]] == pytest.approx(
-        demonstrations.observations.std(axis=0), rel=1e-5
-    )
+    kinds = [(one["name"], one["is_action"]) for one in recorded.columns]
+    assert kinds == [("action", True), ("x", False), ("v", False)]
+    spread = demonstrations.observations.std(axis=0)
+    assert [one["spread"] for one in recorded.columns[1:]] == pytest.approx(spread, rel=1e-5)
     action, x, _ = recorded.curves(3)
     own = slice(*demonstrations.offsets[3:5])
     for curve, true in ((action, demonstrations.actions[own, 0]), (x, demonstrations.observations[own, 0])):
@@ -34,8 +30,12 @@ def test_parts_of_the_action_come_first_and_then_the_observations(data):
 
 
 def test_a_column_of_all_is_drawn_on_one_scale(data):
-    recorded = Recorded(read(data, observations=["x", "v"]))
+    demonstrations = read(data, observations=["x", "v"])
+    recorded = Recorded(demonstrations)
     curves = recorded.column(2)
+    shown = np.linspace(0, 39, N_POINTS).astype(int)
+    ends = np.quantile(demonstrations.observations[:, 1].reshape(24, 40)[:, shown], (0.005, 0.995))
+    assert (curves["from"], curves["to"]) == pytest.approx(ends, rel=1e-5), "a spike flattens no other"
     assert [*curves] == ["from", "to", *map(str, range(24))]
     assert len(curves["23"]) == N_POINTS * 4 / 3, "base64 of bytes"
     for k in (-1, 3):

@@ -89,7 +89,7 @@ def test_an_answer_about_rows_is_a_row_and_can_be_taken_back(client, review):
     status, state = client.post("/api/answer", version=0, demonstrations=[3], key="b", rows=[2, 7], note="it slips")
     assert status == 200
     assert (state["n_answers"], state["can_undo"], state["lines"][0]) == (1, True, "Now: 20 open, 4 outliers.")
-    assert client.view()["rows"] == [[3, 2, 7, "bad"]]
+    assert (client.view()["rows"], client.view()["said"]) == ([[3, 2, 7, "bad"]], [[3, "bad", "it slips", 2, 7]])
     name = review.session.audit.ids[3]
     assert Path("labels.csv").read_text() == f"id,label,note,start,end\n{name},bad,it slips,2,7\n"
     given = {"version": 1, "demonstrations": [3], "key": "g", "rows": [2, 7], "note": "x" * 500}
@@ -100,12 +100,8 @@ def test_an_answer_about_rows_is_a_row_and_can_be_taken_back(client, review):
         status, answer = client.post("/api/answer", version=2, demonstrations=[3], key="b", rows=rows)
         assert status == 400, rows
         assert answer["error"].startswith(("the labels, demonstration", "These are no rows")), rows
-    for more in (
-        {"rows": [1]},
-        {"rows": "ab"},
-        {"rows": [1, 2], "key": "u"},
-        {"rows": [1, 2], "demonstrations": [3, 4]},
-    ):
+    wrong = [{"rows": [1]}, {"rows": "ab"}, {"rows": [1, 2], "key": "u"}, {"rows": [1, 2], "demonstrations": [3, 4]}]
+    for more in wrong:
         given = {"version": 2, "demonstrations": [3], "key": "b"} | more
         assert "no rows of a demonstration" in client.post("/api/answer", **given)[1]["error"], more
     assert client.post("/api/undo", version=2)[0] == 200

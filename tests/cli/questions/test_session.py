@@ -39,6 +39,14 @@ def test_it_ends_after_four_questions_where_every_demonstration_is_good_or_bad(a
     assert asked(doubtful, 800, None, pair=True)
 
 
+def test_what_is_skipped_is_asked_no_more_and_of_a_pair_each_alone(audit):
+    first, second = audit.suggest_labels(2)
+    pair = ((first, second), "u", "")
+    assert next_question(audit, audit, [pair], 8) == (first,)
+    for key in "us":
+        assert next_question(audit, audit, [pair, ((first,), key, "")], 8) == (second,)
+
+
 def rows():
     return Path("labels.csv").read_text().splitlines()
 

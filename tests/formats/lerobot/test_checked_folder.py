@@ -50,13 +50,24 @@ def test_an_episode_table_that_does_not_fit_the_data(tmp_path):
     assert found(root) == [("episode table", m) for m in "123"]
 
 
+@pytest.mark.parametrize(("gone", "said"), [((3,), "episode 3 is"), ((0, 2), "episodes 0, 2 are"), ((4,), None)])
+def test_episodes_that_lerobot_would_not_find_by_position_are_named(tmp_path, gone, said):
+    root = folders.write(tmp_path / "drive", LENGTHS, cameras=(), per_file=1)
+    for m in gone:
+        (root / "data" / "chunk-000" / f"file-{m:03d}.parquet").unlink()
+    n, remedy = 5 - len(gone), "LeRobot looks for episodes and videos by position; number the"
+    expected = f"{said} missing of 0-4; {remedy} {n} that are there from 0 to {n - 1}, as rpil keep does"
+    sentences = [one.sentence for one in find_defects(root, False) if one.what == "missing episodes"]
+    assert sentences == [expected] * bool(said)
+
+
 @VERSIONS
 def test_videos_that_are_missing_damaged_or_too_short(tmp_path, version):
     root = folders.write(tmp_path / "drive", LENGTHS, version, ("front", "wrist"))
     videos = sorted((root / "videos").rglob("*.mp4"))
     front = [file for file in videos if "front" in str(file)]
     front[1].write_bytes(b"version https://git-lfs.github.com/spec/v1\n")
-    assert [what for what, _ in found(root)] == ["video file"]
+    assert found(root) == [("video file", "3 to 4" if version == "v3.0" else "1")]
     front[1].unlink()
     assert found(root) == [("video file", "observation.images.front")]
     frames = [one for m in (range(3) if version == "v3.0" else [0]) for one in folders.pictures(m, LENGTHS[m])]
@@ -159,10 +170,8 @@ def test_frames_between_those_of_the_rows_are_named(tmp_path):
     root = folders.write(tmp_path / "drive", (20, 20), per_file=1)
     change_episodes(root, from_timestamp=0.012, to_timestamp=1.012)
     assert found(root) == [("frame times", "0"), ("frame times", "1")]
-    assert (
-        "LeRobot cannot load it, for observation.images.front is up to 0.012 s off"
-        in find_defects(root, False)[0].sentence
-    )
+    words = "LeRobot cannot load it, for observation.images.front is up to 0.012 s off"
+    assert words in find_defects(root, False)[0].sentence
 
 
 def test_an_end_at_the_last_frame_takes_that_frame(tmp_path):
@@ -182,6 +191,5 @@ def test_what_the_converter_of_lerobot_needs_is_named(tmp_path):
     (defect,) = find_defects(root, False)
     assert (defect.what, defect.place) == ("statistics", "meta/episodes_stats.jsonl")
     assert "LeRobot's converter to version 3.0 needs it" in defect.sentence
-    assert "episodes_stats.jsonl, of version 2.1, is missing" in next(
-        rule.words for rule in OF_FILES if rule.name == defect.what
-    )
+    words = next(rule.words for rule in OF_FILES if rule.name == defect.what)
+    assert "episodes_stats.jsonl, of version 2.1, is missing" in words

@@ -100,11 +100,8 @@ def test_confusion_contains_the_normalised_complement_and_the_uniform(n_actions)
     for confusion, plain in ((others, Complement(normalised=True)), (anything, Uniform())):
         arguments = features, log_policy, actions
         np.testing.assert_allclose(confusion.log_prob(*arguments), plain.log_prob(*arguments), atol=1e-12)
-    np.testing.assert_allclose(
-        others.intended_action_proba(log_policy, actions),
-        Complement().intended_action_proba(log_policy, actions),
-        atol=1e-12,
-    )
+    intended, own = (one.intended_action_proba(log_policy, actions) for one in (others, Complement()))
+    np.testing.assert_allclose(intended, own, atol=1e-12)
     np.testing.assert_allclose(anything.intended_action_proba(log_policy, actions), np.exp(log_policy), atol=1e-12)
 
 

@@ -150,11 +150,8 @@ def test_marks_survive_a_reload_and_are_downloaded(browser: Browser, tmp_path: P
     assert len(rows) == 1 + len(given | marks)
     kept = json.loads(downloaded(tmp_path, browser, "keep", "keep.json"))
     bad = {m for m in range(10) if (given | marks).get(str(m)) == "bad"}  # an outlier need not be
-    assert kept == {
-        "episodes": [m for m in range(10) if m not in bad],
-        "run": audit.run_id,
-        "provenance": MADE,
-    }
+    episodes = [m for m in range(10) if m not in bad]
+    assert kept == {"episodes": episodes, "run": audit.run_id, "provenance": MADE}
     browser.click('[data-filter=mark][data-value="good"]')
     assert column(browser, 1) == first[1:]
 
@@ -196,11 +193,8 @@ def test_segments_are_a_band_and_rows_are_marked_with_two_keys(browser: Browser,
     browser.evaluate(
         f"[...document.querySelectorAll('tr[data-row]')].find(r => r.cells[1].textContent === {name}).click()"
     )
-    assert browser.evaluate(titles) == [
-        "act, steps 0 to 29",
-        "idle, steps 30 to 49",
-        f"back, steps 50 to 89: {HOSTILE[0]}",
-    ]
+    hostile = f"back, steps 50 to 89: {HOSTILE[0]}"
+    assert browser.evaluate(titles) == ["act, steps 0 to 29", "idle, steps 30 to 49", hostile]
     browser.click(".band .idle")
     browser.press("[")
     assert browser.text(".bands [role=status]") == "From step 30 on; ] ends it."
