@@ -10,9 +10,9 @@ from rpil.faults.checking import without_consequences
 from rpil.faults.measured_columns import MeasuredColumns
 from rpil.faults.motion import CommandRule, Jump, RepeatedFrames, Scale, Spike
 from rpil.faults.rule import Fault, Measurements, above
-from rpil.faults.still import FrozenSensor, NeverMoves, Saturation
+from rpil.faults.still import FrozenSensor
 from rpil.faults.tracking import Tracked
-from rpil.faults.whole_rules import IdleEnd, Length, OtherLag, Sign
+from rpil.faults.whole_rules import Length, OtherLag, Sign
 
 M = 8
 
@@ -125,107 +125,12 @@ def test_leaps_are_known_where_a_step_tells_about_the_next(memory, is_known):
     assert rule.silent == (() if is_known else ("c0",))
 
 
-def held(still, at, first=5, moving=1.0, shift=100.0):
-    """Eight demonstrations between 0 and 10, of which number 3 has one value for long; others reach an end as well."""
-    low, high = np.full((M, 1), 2.0), np.full((M, 1), 8.0)
-    low[0], high[0] = (0.0, 10.0) if at not in (0.0, 10.0) else (2.0, 8.0)
-    low[3], high[3] = min(at, 2.0), max(at, 8.0)
-    if at == 0.0:
-        high[0] = 10.0
-    if at == 10.0:
-        low[0] = 0.0
-    runs = np.where(np.arange(M) == 3, still, 1)[:, None]
-    measured = runs, np.full((M, 1), first), runs + 1, np.full((M, 1), at + shift), low + shift, high + shift
-    measured += np.zeros(M, dtype=int), np.zeros(M, dtype=int)
-    return [(rule, applied(rule, *measured, of=columns(moving=moving))) for rule in (FrozenSensor, Saturation)]
-
-
-@pytest.mark.parametrize(
-    ("case", "frozen", "saturated"),
-    [
-        ({"still": 30, "at": 5.0}, 2.5, None), ({"still": 12, "at": 5.0}, None, None),
-        ({"still": 30, "at": 5.0, "first": 1}, 2.5, None), ({"still": 30, "at": 5.0, "first": 0}, None, None),
-        ({"still": 30, "at": 0.0}, None, 2.5), ({"still": 30, "at": 10.0}, None, 2.5),
-        ({"still": 30, "at": 5.0, "moving": 0.25}, 2.5, None),
-        ({"still": 30, "at": 5.0, "moving": 0.24}, "unknown", "unknown"),
-    ],
-)  # fmt: skip
-def test_one_value_for_long_is_no_fault_at_first(case, frozen, saturated):
-    for (_, rule), expected in zip(held(**case), (frozen, saturated), strict=True):
-        assert rule.silent == (("c0",) if expected == "unknown" else ())
-        assert found(rule) == ([(3, case.get("first", 5), case.get("first", 5) + 30)] if expected == 2.5 else [])
-        assert [fault.severity for fault in rule.findings()] == ([2.5] if expected == 2.5 else [])
-
-
-@pytest.mark.parametrize(("n", "severity"), [(12, 2.0), (15, 2.5), (11, None)])
-def test_all_observations_that_stay_to_the_end_are_one_finding(n, severity):
-    one = np.ones((M, 1))
-    runs = one, one, one, 5 * one, 0 * one, 10 * one, np.full(M, 30), n * (np.arange(M) < 1)
-    rule = applied(FrozenSensor, *runs)
-    assert found(rule) == [(0, 30, 30 + n)] * bool(severity)
-    assert [(fault.column, fault.severity) for fault in rule.findings()] == [("", severity)] * bool(severity)
-
-
 def test_other_columns_with_the_fault_are_counted():
     still = np.where(np.arange(M)[:, None] == 3, [[30, 13, 12]], 1)
     ends, last = (np.full((M, 3), 0.0), np.full((M, 3), 10.0)), np.zeros((2, M), dtype=int)
     frozen = still, np.full((M, 3), 5), still + 1, np.full((M, 3), 5.0), *ends, *last
     (fault,) = applied(FrozenSensor, *frozen, of=columns(3)).findings()
     assert fault.sentence.endswith("(usual: up to 12 steps); the same in 1 more column")
-
-
-@pytest.mark.parametrize(
-    ("ranges", "expected"),
-    [
-        ([0.0] + [1.0] * 7, [0]), ([0.0] * 2 + [1.0] * 6, [0, 1]),
-        ([0.0] * 3 + [1.0] * 5, "unknown"),  # more than a quarter
-        ([0.0] * 4 + [1.0] * 16, [0, 1, 2, 3]),
-        ([0.0] * 5 + [1.0] * 15, "unknown"),  # more than four, and than a tenth
-        ([0.0] * 6 + [1.0] * 54, [0, 1, 2, 3, 4, 5]), ([0.0] * 7 + [1.0] * 53, "unknown"),
-        ([0.005] + [1.0] * 7, [0]), ([0.006] + [1.0] * 7, "unknown"), ([0.0, 0.25] + [1.0] * 6, [0]),
-        ([0.0, 0.24] + [1.0] * 6, "unknown"),  # some move far less than others
-        ([0.0, 4.0] + [1.0] * 6, [0]), ([0.0, 4.1] + [1.0] * 6, "unknown"), ([0.0] * 8, "unknown"),
-    ],
-)  # fmt: skip
-def test_a_column_never_moves_where_few_do_not_and_the_others_move_alike(ranges, expected):
-    rule = applied(NeverMoves, np.array(ranges)[:, None], np.zeros((len(ranges), 1)))
-    assert rule.silent == (("c0",) if expected == "unknown" else ())
-    assert [fault.id for fault in rule.findings()] == ([] if expected == "unknown" else expected)
-
-
-def idle(inner=0.01, outer=0.01, middle=0.01, first=0.01, last=0.01, n=12):
-    """Motion at a tail of n idle steps: two thirds of it count, without the first, the last and the middle."""
-    third = (n - 1) // 3
-    return np.array([first, *[inner] * third, *[middle] * (n - 2 - 2 * third), *[outer] * third, last])
-
-
-@pytest.mark.parametrize(
-    ("motion", "is_idle"),
-    [
-        (idle(), True), (idle(inner=0.0124), True),
-        (idle(inner=0.0126), False),  # it decays: a controller settles
-        (idle(inner=0.0126, outer=0.0), True), (idle(inner=0.0126, middle=0.04), False),
-        (idle(middle=0.04, first=0.04), True), (idle(inner=0.0126, last=0.04), False),
-        (idle(n=9), False),  # too short
-        (idle(n=10), True), (idle(inner=0.0126, n=10), False), (idle(inner=0.0126, n=14), False),
-        (idle(inner=0.0124, middle=0.04, first=0.04, n=14), True),
-    ],
-)  # fmt: skip
-def test_ends_are_idle_where_no_controller_settles(motion, is_idle):
-    before, moving = np.ones(5), np.ones(6)
-    for at_head in (True, False):
-        # The step before the first that moves counts as moving: it begins there.
-        own = np.concatenate([[0.04], motion[::-1], moving] if at_head else [moving, motion])
-        every = np.concatenate([before, own, before])
-        offsets = np.cumsum([0, 5, len(own), 5])
-        codes = SimpleNamespace(actions=np.zeros(len(every), dtype=int))
-        of_block = {"offsets": offsets, "block": codes, "numbers": range(3), "columns": None}
-        block = SimpleNamespace(moves=every > 0.05, motion=every, **of_block)
-        head, tail, *rests = IdleEnd.measure(block, SimpleNamespace(tracked=SimpleNamespace(is_command=False)))
-        assert not np.any(rests)
-        n = len(motion)
-        assert (head if at_head else tail)[1] == (n if is_idle or n < 10 else 0)
-        assert (tail if at_head else head).tolist() == [0, 0, 0]
 
 
 def test_steps_are_told_with_their_time_where_it_is_known():

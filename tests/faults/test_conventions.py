@@ -188,8 +188,8 @@ def test_a_part_is_like_the_rest_once_a_change_is_undone(change, motion, path, s
 @pytest.mark.parametrize(
     ("n", "at", "more", "found"),
     [
-        *((4, at, {"length": length}, range(4)) for at, length in ((30, 40), (15, 20))),
-        (5, 3, {}, range(1, 5)),  # of the first nothing lies before
+        *((4, at, {"length": length}, range(4)) for at, length in ((20, 40), (15, 20))),
+        (5, 19, {}, range(1, 5)),  # of the first nothing lies before
         *((4, 30, more, ()) for more in ({"gap": 4.7}, {"length": 19}, {"memory": 0.69}, {"change": 0.0})),
         *((n, at, {}, ()) for n, at in ((4, 3), (3, 30))),
     ],

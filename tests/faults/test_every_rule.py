@@ -102,23 +102,6 @@ def test_planted_fault_is_found_in_its_place(case):
     assert set(report.counts) == {rule_of(case)} | OTHERS.get(case, set())
 
 
-@pytest.mark.parametrize("m", [M, len(CLEAN) - 1])
-def test_a_spike_is_found_at_the_last_but_one_step_of_any_demonstration(m):
-    x = CLEAN[m][0]
-    report = check(demonstrations(changed(CLEAN, m, observations=edited(x, len(x) - 2, 1, 20.0))))
-    assert [(f.rule, f.id, f.first) for f in report.findings if f.rule == "spike"] == [("spike", m, len(x) - 2)]
-
-
-@pytest.mark.parametrize("share", [1.0, 0.5])
-def test_an_action_that_stays_at_its_end_is_no_fault_where_the_state_does(share):
-    """Of the 40 steps for which the hand is open at command, it is really open in a share."""
-    closed, path = slice(50, 90), edited(A, slice(50, 90), 0, HIGH + 1)
-    state = edited(X, slice(90 - int(40 * share), 90), 0, HIGH + 1)
-    report = check(demonstrations(changed(CLEAN, M, observations=state, actions=path)))
-    found = {f.column for f in report.findings if f.rule == "saturation" and f.first == closed.start}
-    assert found == (set() if share == 1.0 else {"action 0"})
-
-
 @pytest.mark.parametrize("n", [19, 20])
 def test_a_scale_and_a_sign_take_twenty_steps(n):
     swift = [(x[::5], a[::5]) for x, a in CLEAN]  # as a robot that is looked at less often

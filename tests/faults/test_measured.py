@@ -6,14 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from recordings import changed, demonstrations, recording
+from recordings import demonstrations, recording
 from rpil.data.demonstrations import Block
 from rpil.faults import measured_columns, settings, tracking
 from rpil.faults.checking import check
 from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, means, pilot
-from rpil.faults.motion import Jump, RepeatedFrames, Spike
+from rpil.faults.motion import Jump, Spike
 from rpil.faults.rule import Learned
-from rpil.faults.still import largest, longest_runs, near_middle, parts, steady
+from rpil.faults.still import largest
 
 RNG = np.random.default_rng(0)
 LENGTHS = (9, 1, 2, 3, 4, 12)
@@ -21,72 +21,16 @@ OFFSETS = np.cumsum([0, *LENGTHS])
 CLEAN = recording()
 
 
-def block_of(values, offsets=OFFSETS, **more):
-    """Columns (C, T) with their changes."""
-    change = np.diff(values, prepend=0.0)
-    change[:, offsets[:-1]] = 0.0
-    largest = np.maximum.reduceat(np.abs(change), offsets[:-1], axis=1).T
-    given = {"values": values, "offsets": offsets, "change": change, "size": np.abs(change), "largest": largest}
-    return SimpleNamespace(**given, numbers=np.arange(len(offsets) - 1), **more)
-
-
 def each(values):
     return [values[:, a:b] for a, b in itertools.pairwise(OFFSETS)]
 
 
-def longest(column, counts):
-    """The run of one value with most steps that count: how many, its first step and its length."""
-    best, start = (-1, 0, 0), 0
-    for t in range(1, len(column) + 1):
-        if t == len(column) or column[t] != column[start]:
-            best = max(best, (int(counts[start + 1 : t].sum()), -start, t - start))
-            start = t
-    return (best[0], -best[1], best[2]) if best[0] > 0 else (0, 0, 1)
-
-
-def test_sums_and_runs_of_each_demonstration():
+def test_sums_and_tops_of_each_demonstration():
     values = RNG.integers(0, 3, size=(4, OFFSETS[-1])).astype(float)
     np.testing.assert_allclose(means(values, OFFSETS), [part.mean(axis=1) for part in each(values)])
     top, step = largest(values, OFFSETS)
     np.testing.assert_array_equal(top, [part.max(axis=1) for part in each(values)])
     np.testing.assert_array_equal(step, [part.argmax(axis=1) for part in each(values)])
-    counts, stays = RNG.random(values.shape) < 0.7, np.diff(values, prepend=-1) == 0
-    stays[:, OFFSETS[:-1]] = False
-    found = np.stack(longest_runs(stays, lambda c, t: counts[c, t], OFFSETS), axis=2)
-    for m, (a, b) in enumerate(itertools.pairwise(OFFSETS)):
-        for c in range(len(values)):
-            assert tuple(found[m, c]) == longest(values[c, a:b], counts[c, a:b])
-
-
-def runs(rows, offsets):
-    """The first row of each run of True within a demonstration, and the one after its last."""
-    edges = {k for k in range(1, len(rows)) if rows[k] != rows[k - 1]} | {*offsets.tolist()}
-    return [(a, b) for a, b in itertools.pairwise(sorted(edges)) if rows[a]]
-
-
-def test_rest_is_where_the_means_of_neighbouring_rows_agree():
-    offsets, bands = np.cumsum([0, 60, 1, 7, 52]), {3: np.array([0.6, 0.5]), 8: np.array([0.3, 0.2])}
-    values = np.repeat(RNG.normal(size=(2, 10)), 12, axis=1) + 0.25 * RNG.normal(size=(2, 120))
-    found = np.ones(120, dtype=bool)
-    for w, band in bands.items():
-        kept = np.zeros(120, dtype=bool)
-        for a, b in runs(found, offsets):
-            kept[a:b] = b - a < 2 * w
-            for t in range(a, b - 2 * w + 1):
-                before, after = values[:, t : t + w].mean(axis=1), values[:, t + w : t + 2 * w].mean(axis=1)
-                kept[t : t + 2 * w] |= (np.abs(after - before) <= band).all()
-        found = np.zeros(120, dtype=bool)
-        for a, b in runs(kept, offsets):
-            found[a:b] = b - a >= 7
-    assert 20 < found.sum() < 100
-    np.testing.assert_array_equal(steady(values, bands, offsets), found)
-    begins, ends = parts(found, offsets)
-    assert [*zip(begins, ends, strict=True)] == runs(found, offsets)
-    first, last = near_middle(values, far := np.array([0.2, 0.2]), begins, ends)
-    for k, (a, b) in enumerate(zip(begins, ends, strict=True)):
-        off = np.abs(values[:, a:b] - np.median(values[:, a:b], axis=1, keepdims=True))
-        near = a + np.flatnonzero((off <= far[:, None]).all(axis=0))
-        assert (first[k], last[k]) == ((near[0], near[-1]) if len(near) else (120, -1))
 
 
 @pytest.mark.parametrize(("n", "steps", "expected"), [(150, 1, 150), (999, 1, 200), (200, 250, 200), (201, 251, 100)])
@@ -159,8 +103,6 @@ def test_spikes_and_jumps_are_the_largest_of_each_demonstration():
     values[0, -3] += 9.0
     every = MeasuredColumns((*"abc",), np.arange(3), np.arange(3) > 1, np.array([0.5, 1.0, 2]), *np.ones((3, 3)))
     block = MovingBlock.of(Block(0, values[:2].T, values[2:].T, OFFSETS), np.arange(len(LENGTHS)), every)
-    sizes = np.minimum(block.size / every.scale[:, None], 3)
-    np.testing.assert_allclose([block.motion, block.of_states], [sizes.mean(axis=0), sizes[:2].mean(axis=0)])
     spikes, step, largest, next_spikes, _ = Spike.measure(block, None)
     jumps, after, _, of_all, _, _, next_jumps, _ = Jump.measure(block, None)
     for m, part in enumerate(each(values)):
@@ -185,31 +127,6 @@ def test_spikes_and_jumps_are_the_largest_of_each_demonstration():
         size = np.log1p(np.abs(np.diff(part, axis=1)) / every.scale[:, None]).mean(axis=0)  # size[t - 1] leads to t
         own = [size[t - 1] - max(*size[t - 3 : t - 1], *size[t : t + 2]) for t in range(3, n - 2)]
         assert of_all[m, 0] == pytest.approx(max([0.0, *own]))
-
-
-@pytest.mark.parametrize(
-    ("steps", "motion", "expected"),
-    [
-        ([0, 1, 2, 2, 2, 3, 4], [1] * 7, (2, 3, 2)), ([0, 1, 1, 2, 3, 3, 3, 4, 5], [1] * 9, (3, 5, 2)),
-        ([0, 0, 0, 1, 2, 3], [1] * 6, (0, 1, 0)),  # before the first change
-        ([0, 1, 2, 3, 3, 3], [1] * 6, (0, 1, 0)),  # after the last
-        ([0, 1, 2, 2, 2, 3, 4], [1, 1, 0.5, 0, 0, 1, 1], (0, 1, 0)),  # it comes to rest
-        ([0, 1, 2, 2, 2, 3, 4], [1, 1, 1, 0, 0, 0.5, 1], (0, 1, 0)),  # or begins to move
-        ([0, 1, 2, 2, 2, 3, 4], [0, 0, 0.51, 0, 0, 0.51, 0], (2, 3, 2)),
-    ],
-)  # fmt: skip
-def test_rows_are_repeated_between_rows_that_move(steps, motion, expected):
-    own = np.array([steps, np.arange(len(steps))], float)  # the action moves all the while
-    values = np.concatenate([np.tile([0.0, 1, 2], (2, 1)), own, np.tile([7.0, 8, 9], (2, 1))], axis=1)
-    columns = SimpleNamespace(is_action=np.array([False, True]), motion=2.0, scale=np.ones(2))
-    every = 2 * np.concatenate([np.ones(3), motion, np.ones(3)])
-    more = {"motion": every, "of_states": every, "block": SimpleNamespace(actions=values[1:].T)}
-    block = block_of(values, np.cumsum([0, 3, len(steps), 3]), columns=columns, **more)
-    repeats, first, length, _, whole, _ = RepeatedFrames.measure(block, None)
-    assert not whole.any()  # the action does not repeat
-    assert (repeats[1], length[1]) == (expected[0], expected[2])
-    assert first[1] == expected[1] or not length[1]
-    assert repeats.tolist()[::2] == [0, 0]
 
 
 def test_series_are_whitened_by_what_an_action_remembers():
@@ -282,12 +199,3 @@ def test_the_action_may_follow_the_state_or_be_its_speed():
     assert report.usual == {"lag": "action 0 follows observation 0 after 2 steps"}
     pairs = Learned.of(demonstrations([(np.cumsum(a, axis=0) - a, a) for _, a in CLEAN])).pairs
     assert {(pair.state - pair.action, pair.of_change, pair.lag) for pair in pairs} == {(-3, True, 1)}
-
-
-def test_a_demonstration_that_never_moves_is_not_cut():
-    x, a = CLEAN[2]
-    report = check(demonstrations(changed(CLEAN, 2, observations=0 * x + x[:1], actions=0 * a + a[:1])))
-    assert report.trims == {}
-    rows = np.pad(np.arange(len(x)), (0, 10), mode="edge")
-    report = check(demonstrations(changed(CLEAN, 2, observations=x[rows], actions=a[rows])))
-    assert (report.counts, report.trims) == ({}, {2: (0, len(x))})

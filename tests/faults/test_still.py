@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from recordings import demonstrations, recording
-from rpil.cli.check import fault_lines
 from rpil.faults.checking import check
 from rpil.faults.measured_columns import column_labels, learn_columns, pilot
 
@@ -12,17 +11,15 @@ N, REST, TICK = 10, 52, 0.088
 PLACES = {"head": 0, "middle": 70, "tail": 139}
 
 
-def arm(noise, at="head", rests=range(N), trembles=False, tick=0.0, drift=0.0):
+def arm(noise, at="head", trembles=False, tick=0.0):
     """Commands by a leader, whose hand may have noise as well, and states two steps later; it rests at a place."""
     rng, episodes = np.random.default_rng(1), []
-    for m in range(N):
+    for _ in range(N):
         time = np.arange(140)[:, None]
         path = 30 * np.sin(time / rng.uniform(8, 14, 4) + rng.uniform(0, 6, 4))
-        if m in rests:
-            path = np.insert(path, [PLACES[at]] * REST, path[PLACES[at]], axis=0)
+        path = np.insert(path, [PLACES[at]] * REST, path[PLACES[at]], axis=0)
         leader = path + trembles * noise * rng.normal(size=path.shape)
         late = np.concatenate([leader[:1], leader[:1], leader[:-2]]) + noise * rng.normal(size=path.shape)
-        late += drift * np.minimum(np.arange(len(path)), REST)[:, None]
         episodes.append((np.round(late / tick) * tick if tick else late, leader))
     return demonstrations(episodes)
 
@@ -44,36 +41,6 @@ def test_rest_of_all_is_one_line_and_may_be_trimmed_at_the_ends(at, rule, noise,
     ]
     assert len(idle) == N * (at != "middle")
     assert all(REST - 10 <= n <= REST for n in idle)
-
-
-@pytest.mark.parametrize("at", PLACES)
-def test_rest_of_one_is_found_in_its_place(at):
-    report = check(arm(0.15, at, rests=[4]))
-    (fault,) = report.findings
-    assert fault.id == 4
-    assert abs(fault.first - PLACES[at]) <= 6
-    assert {*report.trims} == ({4} if at != "middle" else set())
-    said = [f"steps to keep: 4: {first} to {end - 1}." for first, end in report.trims.values()]
-    assert [one for one in said if not any(one in line for line in fault_lines(report))] == []
-
-
-def test_what_moves_all_the_while_never_rests():
-    report = check(arm(0.15, rests=()))
-    assert (report.findings, report.trims) == ((), {})
-    creeping = [(x + 0.05 * np.arange(len(x))[:, None], a + 0.05 * np.arange(len(x))[:, None]) for x, a in arm(0.02)]
-    assert "idle head" not in check(demonstrations(creeping)).counts
-    assert not check(arm(0.15, drift=0.2)).trims  # while the command stays the same
-    assert not check(arm(7.0)).trims  # by noise, nobody can tell
-
-
-@pytest.mark.parametrize("actions", ["codes", "constant"])
-def test_a_command_that_tells_nothing_says_of_no_rest(actions):
-    """A code that stays the same may be a push, and a command that never changes is none."""
-    made = [
-        (x, (np.arange(len(x)) >= REST).astype(int) if actions == "codes" else np.full((len(x), 1), 12.5))
-        for x, _ in arm(0.15)
-    ]
-    assert not check(demonstrations(made)).trims
 
 
 ARM, TWO_ARMS = slice(3, 6), recording(30, joints=6, seed=2)
@@ -99,18 +66,6 @@ def test_columns_that_are_not_recorded_are_named_once_in_each_demonstration(n_ab
     for fault in report.findings:
         assert fault.sentence.startswith("these columns are not recorded here: ")
         assert fault.sentence.endswith("; the same in 5 more columns")
-
-
-def test_the_column_that_moves_most_alike_in_the_others_is_named():
-    episodes = [(states.copy(), actions.copy()) for states, actions in TWO_ARMS]
-    for states, actions in episodes:
-        states[:, 5] *= 3 / np.ptp(states[:, 5])  # its range is the same in all
-        states[:, ARM] += 10
-        actions[:, ARM] += 10
-    for values in episodes[4]:
-        values[:, ARM] = 0.0
-    (fault,) = check(demonstrations(episodes)).findings
-    assert fault.column == "observation 5"
 
 
 def test_of_two_arms_each_demonstration_may_lack_one():

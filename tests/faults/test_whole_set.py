@@ -42,14 +42,6 @@ def test_a_command_that_stays_while_its_state_goes_on_is_named_in_any_share(shar
     assert {(one.column, one.first) for one in found} == {(column, 40)}
 
 
-def test_a_command_that_stays_for_longer_than_usual_is_compared_with_the_others():
-    short = [(x[:80], a[:80]) for x, a in CLEAN]
-    short[3] = short[3][0], stays(short[3][1], slice(40, 64))
-    (fault,) = check(demonstrations(short)).findings
-    assert (fault.rule, fault.threshold, fault.severity) == ("frozen action", 12, 23 / 12)
-    assert "while others move (usual" in fault.sentence
-
-
 def test_a_command_that_stays_until_its_state_is_there_is_clean():
     """Waypoints: a step of the command, and a state that goes there within half a second and stays."""
     rng, made = np.random.default_rng(0), []
@@ -101,31 +93,3 @@ def turning(m, flips):
 def test_either_sign_of_a_quaternion_is_no_fault(flips, share):
     made = [turning(m, flips if m < share else "start") for m in range(N)]
     assert not check(demonstrations(made)).findings
-
-
-def test_an_angle_that_rests_where_it_wraps_wraps():
-    """Its noise goes to and fro over the place."""
-    made = []
-    for x, a in CLEAN:
-        at = x[60, 0]
-        x, a = (np.insert(values, [60] * 15, values[60], axis=0) for values in (x, a))
-        x += 0.1 * np.random.default_rng(1).normal(size=x.shape)
-        made.append(tuple(np.c_[(values[:, :1] - at) % 360, values[:, 1:]] for values in (x, a)))
-    counts = check(demonstrations(made)).counts
-    assert counts["wraps"] == N
-    assert not {"spike", "jump"} & {*counts}
-
-
-@pytest.mark.parametrize("n", [0, 40])
-def test_rest_under_changes_of_0_is_idle_whatever_the_hand_holds(n):
-    made = []
-    for x, a in CLEAN:
-        change = np.clip(np.diff(a[:, :3], axis=0) / 2, -1, 1)
-        path = x[:1, :3] + np.cumsum(np.r_[np.zeros((1, 3)), 2 * change[:-1]], axis=0)
-        hand = np.where(np.arange(len(path)) < 40, -1.0, 1.0)
-        path, change, hand = (np.pad(v, [(0, n), *[(0, 0)] * (v.ndim - 1)], "edge") for v in (path, change, hand))
-        change[len(change) - n :] = 0
-        noise = 0.02 * np.random.default_rng(len(x)).normal(size=path.shape)
-        made.append((path + noise, np.c_[change, hand]))
-    (*lines,) = check(demonstrations(made)).lines
-    assert [(one.rule, len(one.ids)) for one in lines] == [("idle tail", N)] * (n > 0)
