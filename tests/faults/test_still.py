@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from recordings import demonstrations, recording
+from rpil.cli.check import fault_lines
 from rpil.faults.checking import check
 from rpil.faults.measured_columns import column_labels, learn_columns, pilot
 
@@ -29,18 +30,17 @@ def arm(noise, at="head", trembles=False, tick=0.0):
     ("noise", "trembles", "tick"), [(0.02, False, 0), (0.15, False, 0), (0.15, True, 0), (0.0, False, TICK)]
 )
 def test_rest_of_all_is_one_line_and_may_be_trimmed_at_the_ends(at, rule, noise, trembles, tick):
-    data = arm(noise, at, trembles=trembles, tick=tick)
-    report = check(data)
+    report = check(data := arm(noise, at, trembles=trembles, tick=tick))
     assert report.counts == {rule: N}
     (line,) = report.lines
     assert (line.ids, line.grade) == (tuple(range(N)), "odd")
-    long = line.last - line.first + 1
-    assert REST - 10 <= long <= REST + 10
-    idle = [
-        first if at == "head" else n - end for n, (first, end) in zip(data.lengths, report.trims.values(), strict=False)
-    ]
+    assert REST - 10 <= line.last - line.first + 1 <= REST + 10
+    ends = [(first, n - end) for n, (first, end) in zip(data.lengths, report.trims.values(), strict=False)]
+    idle = [of_each[at == "tail"] for of_each in ends]
     assert len(idle) == N * (at != "middle")
     assert all(REST - 10 <= n <= REST for n in idle)
+    for first, end in [*report.trims.values()][:1]:
+        assert f"idle heads); steps to keep: 0: {first} to {end - 1}, " in "".join(fault_lines(report))
 
 
 ARM, TWO_ARMS = slice(3, 6), recording(30, joints=6, seed=2)
