@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import rpil
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
+from rpil.numerics.types import Array
 
 LENGTHS = (4, 6, 5)
 OWNERS = np.repeat(np.arange(len(LENGTHS)), LENGTHS)
@@ -132,12 +133,17 @@ def lerobot(folder: Path) -> Path:
     return path
 
 
+def stacked(values: Array, n_rows: int = max(LENGTHS)) -> Array:
+    """(M, n_rows, ...), filled up with zeros."""
+    found = np.zeros((len(LENGTHS), n_rows, *values.shape[1:]))
+    for m, n in enumerate(LENGTHS):
+        found[m, :n] = values[m == OWNERS]
+    return found
+
+
 def stacked_npz(folder: Path) -> Path:
     """A first index for each demonstration, and zeros after its last step."""
-    arrays = {"obs": np.zeros((len(LENGTHS), max(LENGTHS), 2)), "acts": np.zeros((len(LENGTHS), max(LENGTHS), 2))}
-    for m, n in enumerate(LENGTHS):
-        arrays["obs"][m, :n], arrays["acts"][m, :n] = STATES[m == OWNERS], MOVES[m == OWNERS]
-    np.savez(folder / "stacked.npz", **arrays, lengths=np.array(LENGTHS))
+    np.savez(folder / "stacked.npz", obs=stacked(STATES), acts=stacked(MOVES), lengths=np.array(LENGTHS))
     return folder / "stacked.npz"
 
 

@@ -86,10 +86,17 @@ def test_an_audit_is_25_lines_of_80_columns_and_with_all_rows_nothing_is_left_ou
     assert " ".join(audit.notes) in " ".join(text.split())
 
 
-def test_no_fault_is_a_sentence_and_one_is_one(capsys):
-    assert odd_lines(FaultReport((), {}, {}, {}, {}, 4, 99)) == [
-        "No recording faults found in 4 demonstrations (99 steps)."
-    ]
+@pytest.mark.parametrize("n_notes", [*range(18)])
+def test_notes_leave_two_rows_and_rows_take_what_is_left(n_notes, capsys):
+    audit = make_audit(VERDICTS * 2, notes=tuple(f"note {k}" for k in range(n_notes)))
+    print_audit(audit, (), faults([*range(28, 40), *range(28)]), ["end"] * 2)
+    lines = capsys.readouterr().out.splitlines()
+    rows, notes = (sum(bool(re.match(of, line)) for line in lines) for of in (r"\d+ +(outlier|open)", "note "))
+    others = len(lines) - rows - notes
+    assert (notes, rows) == (min(n_notes, 25 - others - 2), min(8, 25 - others - notes))
+
+
+def test_a_long_reason_is_cut_and_one_fault_is_a_sentence():
     assert len(odd_lines(FaultReport((), {"duplicate": "a long reason " * 20}, {}, {}, {}, 4, 99))) == 2
     one, command = odd_lines(FaultReport(faults(["a"]).findings[:1], {}, {}, {}, {}, 4, 99))[::2]
     assert one.startswith("1 recording is odd: a: action_steer leaps by")

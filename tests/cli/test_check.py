@@ -12,6 +12,8 @@ from command_line import call, ok, refused
 from recordings import spike
 from recordings import write_recording as write
 from rpil.cli import commands
+from rpil.cli.check import fault_lines
+from rpil.faults.report import FaultReport
 
 
 def missing(observations, ids):
@@ -26,8 +28,9 @@ def test_findings_are_written_and_decide_the_exit_code():
     assert (row["id"], row["rule"], row["first"], row["last"]) == (4, "spike", 60, 60)
     ok("check", "data.parquet", "-o", "faults.csv")
     assert '"spike","4",60,60' in Path("faults.csv").read_text()
-    for fail_on, code in (("jump,spike", 1), ("any", 1), ("frozen-sensor", 0)):
+    for fail_on, code in (("jump,spike", 1), ("RPIL-108", 1), ("any", 1), ("frozen-sensor,rpil-109", 0)):
         assert call("check", "data.parquet", "--fail-on", fail_on).exit_code == code
+    refused("no rule 'RPIL-999'", "check", "data.parquet", "--fail-on", "RPIL-999")
 
 
 @pytest.mark.parametrize(("rules", "found"), [((), {}), (("spike",), {}), (("totals",), {"totals": 1})])
@@ -68,3 +71,11 @@ def test_an_audit_names_the_faults_beside_the_trust():
     assert "Odd in the recording" in page
     assert "for one step at 2.0 s" in page
     assert json.loads(ok("audit", "data.parquet", "--format", "json").stdout)["faults"]["counts"] == {"spike": 1}
+
+
+def test_idle_ends_are_said_by_the_first_and_the_last_step_to_keep():
+    trims, reasons = {"a": (0, 7), "b": (2, 30)}, {"lag": "few", "sign": "few", "scale": "one"}
+    lines = fault_lines(FaultReport((), reasons, {"spike": ("x", "y")}, {}, trims, 9, 1200, n_expected=2))
+    assert lines[2] == "2 more are expected and left out."
+    assert lines[4] == "Idle ends of 2 of 9 may be trimmed (1 idle heads); steps to keep: a: 0 to 6, b: 2 to 29."
+    assert lines[6:9] == ["Not checked:", "  lag, sign: few", "  scale: one"]

@@ -122,12 +122,6 @@ def test_rows_of_one_id_are_several_where_another_column_divides_them(
     assert len(formats.read(tmp_path / "a.csv", id="episode")) == len({*episode})
 
 
-def test_order_that_is_text_is_said(tmp_path):
-    (tmp_path / "a.csv").write_text(text(BASE | {"step": [f"frame {k}" for k in STEP]}))
-    words = "steps in the order of the file, because step has values that are missing, or neither numbers nor times"
-    assert read_recording(tmp_path / "a.csv").description.order == words
-
-
 def test_observations_that_tell_demonstrations_apart_are_noted(tmp_path):
     more = {"seed": RUN * 7, "wind": np.sqrt(RUN), "gravity": 9.81 + 0 * RUN}
     for rows in (None, SHUFFLED):

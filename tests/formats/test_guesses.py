@@ -6,7 +6,7 @@ import pyarrow.csv
 import pytest
 
 import rpil
-from command_line import call, refused
+from command_line import refused
 from rpil.data.errors import DataError
 
 STEPS = 25
@@ -54,21 +54,3 @@ def test_pedals_alone_are_no_action_because_the_wheel_may_have_a_name_of_another
     refused(said, "info", tmp_path / "d.csv")
     with pytest.raises(DataError, match=r"no column holds the action: .* with action= "):
         rpil.audit(tmp_path / "d.csv")
-
-
-@pytest.mark.parametrize(
-    ("column", "values", "said"),
-    [
-        ("clock", drives()["clock"], "'clock' looks like a time, or the number of a step"),
-        ("row", np.arange(300), "'row' would make 300 demonstrations of 300 steps"),
-        ("odometer", np.arange(300) // 1.5, "'odometer' would make 200 demonstrations of 300 steps"),
-        ("done", (np.arange(300) + 1) % STEPS == 0, "'done' is yes or no"),
-    ],
-)
-def test_an_id_that_makes_no_demonstrations_is_a_question(column, values, said, drive):
-    table = drives() if column == "clock" else drives().append_column(column, [values])
-    pa.csv.write_csv(table.rename_columns({"clock": "time"}) if column == "clock" else table, drive)
-    column = "time" if column == "clock" else column
-    done = call("info", drive, "--id", column)
-    assert done.exit_code == 2
-    assert said.replace("clock", "time") in done.stderr

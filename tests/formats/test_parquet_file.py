@@ -89,3 +89,11 @@ def test_rows_with_images_are_kept_a_thousand_at_a_time(tmp_path, monkeypatch):
     find(tmp_path / "a.parquet").keep(tmp_path / "kept.parquet", [1, 2])
     assert sizes[-1] == 1000
     assert pq.read_table(tmp_path / "kept.parquet").equals(pq.read_table(tmp_path / "a.parquet").slice(600, 1200))
+
+
+def test_headers_of_pages_are_read_as_thrift_writes_them():
+    short = [0x15, 3, 0x26, 0x80, 1, 0x1C, 0x14, 10, 0, 5, 18, 2, 0x18, 2, 97, 98, 0x17, *range(8), 0x13, 9, 0x11]
+    found, end = {(1,): -2, (3,): 64, (4, 1): 5, (9,): 1, (14,): 2}, [0x15, 4, 0]
+    assert parquet_file._header_at(pa.BufferReader(bytes([9, 9, *short, *end])), 2) == (found, 31)
+    long = bytes([0x18, 0x88, 0x27, *[97] * 5000, *end])  # whose text has 39 * 128 + 8 bytes
+    assert parquet_file._header_at(pa.BufferReader(long), 0) == ({(2,): 2}, len(long))

@@ -1,5 +1,7 @@
 """Demonstrations that end at pauses, stretches, and columns of LeRobot's ``meta/episodes``."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
@@ -110,3 +112,44 @@ def test_seconds_that_end_demonstrations_are_a_number_of_a_few_steps(option):
             rpil.read(episodes(), **{option: seconds})
     with pytest.raises(DataError, match="where split_gap= or segment= is given, give more seconds"):
         rpil.read(episodes(), **{option: 0.01})
+
+
+GOOD, IN_ORDER = [0, 1, 2], "steps in the order of "
+IN_FILE = IN_ORDER + "the file, because step has "
+REPEATS = IN_FILE + "repeated values within a demonstration"
+NO_NUMBERS = IN_FILE + "values that are missing, or neither numbers nor times"
+
+
+@pytest.mark.parametrize(
+    ("columns", "order", "refused"),
+    [
+        ({"step": [0, 1, 2, 2, 6, 7]}, IN_ORDER + "step", ""),
+        ({"step": [0, 2, 1, *GOOD]}, "steps sorted by step, because rows of the file are out of order", ""),
+        ({"step": [0, 1, 1, *GOOD]}, REPEATS, "0, row 3: order column 'step' repeats a value; name another"),
+        ({"step": [0, 1, None, *GOOD]}, NO_NUMBERS, "0, row 1: order column 'step' needs a number or time in"),
+        ({"step": [0, 1, 1, *GOOD], "timestamp": np.array(GOOD * 2) / 7}, IN_ORDER + "timestamp", "0, row 3"),
+        ({"step": [0, 1, 1, *GOOD], "timestamp": ["a"] * 6}, REPEATS, "0, row 3"),
+    ],
+)
+def test_the_first_column_that_tells_the_steps_is_the_order(columns, order, refused):
+    table = pa.table({"episode": [0, 0, 0, 1, 1, 1], "x": np.arange(6) / 3, "action": np.arange(6) / 7} | columns)
+    assert rpil.open(table).description.order == order
+    with pytest.raises(DataError, match=refused) if refused else nullcontext():
+        assert rpil.open(table, order="step").description.order == order
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("k", [0, 0, 1, 1, 2, 2, 3, 3], ""),
+        ("k", [0, 0, 1, 1, 2, 2, 3, 4], "'k' would make 5 demonstrations of 8 steps; "),
+        ("k", ["true", "False"] * 4, "column 'k' is yes or no, and no id; where it marks the ends"),
+        ("k", [0, 1] * 4, ""),
+        ("done", [0, 0, 0, 0, 1, 1, 1, 1], "column 'done' is yes or no, and no id; "),
+        ("time", [1, 2, 1, 2, 1, 1, 1, 1], ""),
+        ("time", [1, 2, 1, 2, 1, 2, 2, 2], "'time' looks like a time, or the number of a step, as it changes from row"),
+    ],
+)
+def test_an_id_that_makes_no_demonstrations_is_a_question(name, values, said):
+    with pytest.raises(DataError, match=f"^the frame: {said}") if said else nullcontext():
+        assert rpil.read(rows(**{name: values}), id=name).ids == tuple(dict.fromkeys(values))

@@ -10,7 +10,6 @@ import pytest
 
 from rpil import formats
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
 from rpil.formats import read_recording, write_weights
 from rpil.formats.columns import ColumnOptions
 
@@ -78,17 +77,6 @@ def test_rows_are_sorted_by_their_column_and_weights_find_them(tmp_path, suffix)
     x_of_index = dict(zip(weights["index"].to_pylist(), d.observations[:, 0].tolist(), strict=True))
     assert x_of_index == dict(zip(range(N), STATE[:, 0].tolist(), strict=True))
     assert weights["frame_index"].to_pylist() == weights["step_index"].to_pylist()
-
-
-def test_a_column_that_repeats_values_is_no_order(tmp_path):
-    table = TABLE.set_column(1, "frame_index", pa.array(np.zeros(N, int))).drop_columns(["index", "timestamp"])
-    pq.write_table(table, tmp_path / "a.parquet")
-    for on_disk in (False, True):
-        said = read_recording(tmp_path / "a.parquet", on_disk=on_disk).description
-        assert said.order_column is None
-        assert said.order.endswith("because frame_index has repeated values within a demonstration")
-    with pytest.raises(DataError, match=r"demonstration 0, row 2: order column 'frame_index' repeats a value"):
-        formats.read(tmp_path / "a.parquet", order="frame_index")
 
 
 KINDS = {

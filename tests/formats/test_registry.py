@@ -22,12 +22,6 @@ def test_addresses_are_not_read_and_their_secrets_not_shown(address):
         find(address)
 
 
-def test_ids_that_are_kept_are_those_of_the_file(tmp_path):
-    (tmp_path / "a.csv").write_text("episode,x,action\n" + "".join(f"{m},0.5,1\n" for m in "ab"))
-    find(tmp_path / "a.csv").keep(tmp_path / "b.csv", ["b"])
-    assert rpil.read(tmp_path / "b.csv").ids == ("b",)
-
-
 PACKAGE = """
 import pyarrow as pa
 def steps(path):
