@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import json
 
-import numpy as np
 import pytest
 
 import rpil
 from command_line import ok, refused
 from rpil.data.errors import DataError
-
-RNG = np.random.default_rng(0)
-LENGTHS = (4, 6, 5)
-STATES = [RNG.normal(size=(n, 2)).tolist() for n in LENGTHS]
-MOVES = [RNG.normal(size=n).tolist() for n in LENGTHS]
+from rpil.formats.json_lines import find_defects
 
 
 def write(path, values):
@@ -26,7 +21,7 @@ def test_each_file_of_a_folder_is_a_demonstration(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "runs" / "meta").mkdir(parents=True)
     for m in (0, 1, 10):
-        rows = [{"x": x, "action": a} for (x, _), a in zip(STATES[m % 3], MOVES[m % 3], strict=True)]
+        rows = [{"x": 0.3 * k, "action": (k + m) % 4 / 7} for k in range(4 + m)]
         write(tmp_path / "runs" / f"run_{m}.jsonl", rows)
     write(tmp_path / "runs" / "meta" / "notes.jsonl", [{"of": "all"}])
     (tmp_path / "runs" / "README.txt").write_text("a,b\n1,2\n")
@@ -64,11 +59,9 @@ STEP = '{"episode": 0, "x": 1, "action": 2}\n'
 def test_a_line_that_holds_no_object_or_several_is_refused(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # in which no file changes
     (tmp_path / "a.jsonl").write_bytes(text.encode())
-    sentence = (
-        r"a\.jsonl: no lines of JSON, or damaged .*(line|row|object).*; write an object of the same kind on each line"
-    )
-    refused(sentence, "info", tmp_path / "a.jsonl")
-    refused(sentence, "info", tmp_path / "a.jsonl", "--skip-bad")
+    for options in ([], ["--skip-bad"]):
+        said = r"a\.jsonl: no lines of JSON, or damaged .*(line|row|object).*; write an object of the same kind on each"
+        refused(f"{said} line", "info", tmp_path / "a.jsonl", *options)
 
 
 @pytest.mark.parametrize("end", [b"\n", b"\r\n"])
@@ -80,3 +73,26 @@ def test_a_return_within_an_object_ends_no_line(end, blank, tmp_path):
     ok("keep", tmp_path / "a.jsonl", "-o", tmp_path / "b.jsonl", "--verdicts", tmp_path / "labels.csv")
     assert (tmp_path / "b.jsonl").read_bytes() == b"".join(line + end for line in lines[5:])
     assert rpil.open(tmp_path / "b.jsonl").description.format == "JSON lines"
+
+
+EMPTY = "3 of the 12 files that it names are empty: rows 3-5, 3.jpg to 5.jpg; leave these steps out"
+LOST = "2 of the 12 files that it names are not there: rows 10-11, 10.jpg to 11.jpg; leave these steps out"
+SAID = [*(f"{place}{{}}.jpg" for place in ("", "images/", "C:\\images\\", "../images/")), "pour", "{}.png"]
+
+
+@pytest.mark.parametrize("form", SAID)
+def test_empty_and_missing_files_are_named_by_their_rows(tmp_path, form):
+    """Even where the steps cannot be read; no path out of the folder, and no link, is followed."""
+    for name in ("images", "out"):
+        (tmp_path / name).mkdir()
+    for k in range(10):
+        (tmp_path / "images" / f"{k}.jpg").write_bytes(b"x" * (k not in (3, 4, 5)))
+    (tmp_path / "out" / "images").symlink_to(tmp_path / "images")
+    for path in (tmp_path / "out" / "a.jsonl", tmp_path / "a.jsonl"):
+        path.write_text("".join(f'{{"user/angle": 0.1, "image": {json.dumps(form.format(k))}}}\n' for k in range(12)))
+        found = [defect.sentence for defect in find_defects(path)]
+        assert found == ([EMPTY, LOST] if form in SAID[:4] and path.parent == tmp_path else [])
+    if found:
+        report = rpil.check(tmp_path / "a.jsonl")
+        assert [(fault.rule, fault.grade) for fault in report.findings] == 2 * [("named files", "broken")]
+        assert "no column says" in report.not_checked["spike"]

@@ -10,11 +10,13 @@ import click
 from rpil.cli import commands, terminal
 from rpil.cli.options import COLUMN_OPTIONS, OutputFile, format_option, pop_columns, quiet_option, with_options
 from rpil.cli.terminal import show_stages
+from rpil.data.errors import DataError
 from rpil.data.files import check_outputs
 from rpil.data.text import MAX_IDS, listed, printable
 
 if TYPE_CHECKING:
     from rpil.faults.report import FaultReport
+    from rpil.formats.recording import Recording
 
 FAIL_ON = "Exit with code 1 if one of these rules finds a fault, or if there is a fault of this grade or worse."
 MAX_FINDINGS = 30
@@ -52,13 +54,21 @@ def check(
         suppressed = read_expected(expected) if expected else {}
         # Missing values are findings, and damage alone is skipped.
         damage = replace(columns, skip_bad=columns.skip_bad and "damage", allow_missing=True)
-        recording = commands.open_recording(file, damage, progress)
+        refused: DataError | None = None
+        try:
+            read: Recording | str = commands.open_recording(file, damage, progress)
+        except DataError as error:
+            read, refused = file, error  # the files alone are looked at then
         progress("checking the steps, and looking at the videos" if options["video"] else "checking")
         looks = {"fps": options["fps"], "video": options["video"]}
-        report = find_faults(recording, expected=suppressed, skip_bad=bool(columns.skip_bad), **looks)
+        try:
+            report = find_faults(read, expected=suppressed, skip_bad=bool(columns.skip_bad), **looks)
+        except DataError as error:
+            raise refused or error from None
         if output:
             report.write(output)
-    commands.tell_of_set_aside(recording)
+    if not isinstance(read, str):
+        commands.tell_of_set_aside(read)
     if form == "json":
         click.echo(terminal.to_json(report.to_dict(), "check"))
     elif form == "text":
@@ -66,7 +76,7 @@ def check(
     else:
         from rpil.cli import exchange
 
-        found = exchange.of_faults(report.lines, recording)
+        found = exchange.of_faults(report.lines, None if isinstance(read, str) else read)
         click.echo(exchange.written(form, found, file, "rpil check", report.headline))
     return int(bool(fatal & set(report.counts)))
 

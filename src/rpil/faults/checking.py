@@ -5,14 +5,16 @@ from __future__ import annotations
 import os
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import Unpack, cast
 
 import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import Demonstrations, DemonstrationSet
-from rpil.data.errors import DataError
+from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath
 from rpil.data.id_values import check_ids
 from rpil.faults import recorded, settings
@@ -25,6 +27,7 @@ from rpil.formats.columns import ColumnOptions, check_options
 from rpil.formats.format import Dataset, Frame
 from rpil.formats.metadata import Times
 from rpil.formats.recording import Recording
+from rpil.formats.registry import find_format
 from rpil.numerics.types import Array, Bool
 
 COMPARING = [rule for rule in RULES.values() if issubclass(rule, ComparingRule)]
@@ -72,7 +75,12 @@ def check(
     is_open = isinstance(data, Recording | Demonstrations | Dataset) and options == ColumnOptions()
     if skip_bad and isinstance(data, str | os.PathLike):
         options = replace(options, skip_bad="damage")
-    recording = cast("Recording | Demonstrations | Dataset", data) if is_open else opened(data, options)
+    try:
+        recording = cast("Recording | Demonstrations | Dataset", data) if is_open else opened(data, options)
+    except DataError as error:
+        if found := files_alone(data):
+            return FaultReport(found, dict.fromkeys(RULES.keys() - {found[0].rule}, str(error)), {}, {}, {}, 0, 0)
+        raise
     times = _times_of(recording, times, fps)
     demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording
     there, known = recording.ids, dict[str, set[str]]()
@@ -96,6 +104,18 @@ def check(
     every, ids = (*report.findings, *beside), tuple(demonstrations.ids)
     findings = tuple(found for found in every if not {str(found.id), ALL} & known.get(found.rule, set()))
     return replace(report, findings=findings, n_expected=len(every) - len(findings), ids=ids, groups=groups)
+
+
+def files_alone(data: object) -> tuple[Fault, ...]:
+    """Which of the files that a recording names are not sound, where its steps cannot be read."""
+    if not isinstance(data, str | os.PathLike) or not Path(data).exists():
+        return ()
+    if (claimed := find_format(data)) is None or claimed.find_defects is None:
+        return ()
+    with suppress(DataError), guarded(str(data)):
+        found = claimed.find_defects(Path(data), False)
+        return tuple(recorded.fault_of(one) for one in found if one.what == "named files")
+    return ()
 
 
 def _check_files(

@@ -155,6 +155,7 @@ OF_FILES = _rules(
     "statistics: episodes_stats.jsonl, of version 2.1, is missing",
     "metadata: a file of the folder cannot be read",
     "missing episodes: episode numbers are missing",
+    "named files: files that a column names are empty or missing",
 )
 OF_TIMES = _rules(
     f"{TIMESTAMPS}: the timestamps do not fit the declared frame rate",

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Set
+import os
+from collections.abc import Iterator, Set
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import pyarrow as pa
 import pyarrow.json
@@ -15,8 +16,8 @@ from rpil.data.text import natural_key
 from rpil.formats import table as flat
 from rpil.formats.columns import FILE, ColumnOptions
 from rpil.formats.csv import MEMORY_PER_BYTE
-from rpil.formats.format import Format, StepTables, from_arrow, plain_columns
-from rpil.formats.scan import without_damaged
+from rpil.formats.format import Defect, Format, StepTables, from_arrow, plain_columns
+from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table_folder import has_tables
 
 JSON_SUFFIXES = (".jsonl", ".ndjson", ".catalog")
@@ -81,6 +82,33 @@ def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) 
     output.write_bytes(b"".join(line + b"\n" for line, owner in zip(lines, owners, strict=True) if owner in wanted))
 
 
+_NAMED = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".npy", ".npz", ".mp4", ".avi", ".wav", ".pcd")
+_FOLDERS = ("", "images", "IMG", "img")  # where recorders put them beside their table
+
+
+def find_defects(path: Path) -> Iterator[Defect]:
+    """Rows, from 0, that name files that are empty, or not there though others are; no path out of the folder, and no
+    link, is followed."""
+    tables = without_damaged(map(str, _files(path)), lambda name: _parsed(Path(name)))[0]
+    table, folder = flat.end_to_end([*tables.values()], path.name), path if path.is_dir() else path.parent
+    for name in [one.name for one in table.schema if str(one.type).endswith("string")]:
+        texts = [PurePosixPath(str(text or "").strip().replace("\\", "/")) for text in table[name].to_pylist()]
+        if not all(text.suffix.lower() in _NAMED for text in texts[:: max(len(texts) // 20, 1)]):
+            continue
+        named = {str(text.parent) for text in texts if not text.is_absolute() and ".." not in text.parts}
+        sizes = dict[str, int]()
+        for place in (folder.resolve() / name for name in (*sorted(named)[:20], *_FOLDERS)):
+            if place.is_dir() and place.resolve() == place:
+                with os.scandir(place) as entries:
+                    sizes |= {e.name: e.stat(follow_symlinks=False).st_size for e in entries if e.is_file()}
+        rows = [sizes.get(text.name) for text in texts]
+        for size, what in ((0, "empty"), (None, "not there")):
+            if any(rows) and (wrong := [row for row, own in enumerate(rows) if own == size]):
+                where = f"{parts_in_words(wrong, 'row', [])}, {texts[wrong[0]].name} to {texts[wrong[-1]].name}"
+                said = f"{len(wrong):,} of the {len(texts):,} files that it names are {what}: {where}"
+                yield Defect("named files", name, f"{said}; leave these steps out")
+
+
 FORMAT = Format(
     name="JSON lines",
     claims=claims,
@@ -88,4 +116,5 @@ FORMAT = Format(
     keep=keep_lines,
     suffixes=JSON_SUFFIXES,
     unkept=lambda path, _: "folder of JSON lines" if path.is_dir() else "",
+    find_defects=lambda path, _: [*find_defects(path)],
 )
