@@ -157,7 +157,8 @@ def markdown(result: Row) -> str:
     ]
     head = ["| variant | " + " | ".join(families) + " |", "|---|" + "---|" * len(families)]
     rules = [f"| {name} | {' | '.join(cells(rows, families))} |" for name, rows in result["rules"].items()]
-    parts = ["## Ablations", "", text, "", *head, *rules, "", f"Others after {LABELS} random labels, or after {LABELS} that are asked for:", ""]
+    others = f"Others after {LABELS} random labels, or after {LABELS} that are asked for:"
+    parts = ["## Ablations", "", text, "", *head, *rules, "", others, ""]
     parts += ["| variant | with a verdict | wrong | AUROC | asked: with a verdict | wrong | bad ones named |"]
     parts += ["|---|---|---|---|---|---|---|"]
     return "\n".join([*parts, *(told(name, rows) for name, rows in result["answers"].items())])
