@@ -157,7 +157,7 @@ def markdown(result: Row) -> str:
     ]
     head = ["| variant | " + " | ".join(families) + " |", "|---|" + "---|" * len(families)]
     rules = [f"| {name} | {' | '.join(cells(rows, families))} |" for name, rows in result["rules"].items()]
-    others = f"Others after {LABELS} random labels, or after {LABELS} that are asked for:"
+    others = f"Recorded sets and the paper's cells, after {LABELS} random labels, or {LABELS} that are asked for:"
     parts = ["## Ablations", "", text, "", *head, *rules, "", others, ""]
     parts += ["| variant | with a verdict | wrong | AUROC | asked: with a verdict | wrong | bad ones named |"]
     parts += ["|---|---|---|---|---|---|---|"]

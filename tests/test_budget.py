@@ -19,7 +19,7 @@ TOOL = runpy.run_path(str(TOOLS / "budget.py"))
 ROOT = TOOL["ROOT"]
 
 BUDGETS = {
-    "cli": (2199, 20),
+    "cli": (2198, 20),
     "data": (2349, 28),
     "estimators": (1800, 18),
     "faults": (2981, 122),
@@ -35,7 +35,7 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 23_558, 2_069, 23_994
+LINES, PAGE_LINES, TEST_LINES = 23_557, 2_069, 23_994
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0

@@ -48,26 +48,25 @@ def check(
     check_outputs((file, expected), [output])
     with show_stages(quiet) as progress:
         from rpil.faults.checking import check as find_faults
+        from rpil.faults.checking import of_files
         from rpil.faults.report import read_expected
 
         columns, fatal = pop_columns(options), _rules(fail_on)
         suppressed = read_expected(expected) if expected else {}
         # Missing values are findings, and damage alone is skipped.
         damage = replace(columns, skip_bad=columns.skip_bad and "damage", allow_missing=True)
-        refused: DataError | None = None
+        read: Recording | None = None
         try:
-            read: Recording | str = commands.open_recording(file, damage, progress)
+            read = commands.open_recording(file, damage, progress)
         except DataError as error:
-            read, refused = file, error  # the files alone are looked at then
-        progress("checking the steps, and looking at the videos" if options["video"] else "checking")
-        looks = {"fps": options["fps"], "video": options["video"]}
-        try:
+            report = of_files(file, error, error.in_shell)
+        if read is not None:
+            progress("checking the steps, and looking at the videos" if options["video"] else "checking")
+            looks = {"fps": options["fps"], "video": options["video"]}
             report = find_faults(read, expected=suppressed, skip_bad=bool(columns.skip_bad), **looks)
-        except DataError as error:
-            raise refused or error from None
         if output:
             report.write(output)
-    if not isinstance(read, str):
+    if read is not None:
         commands.tell_of_set_aside(read)
     if form == "json":
         click.echo(terminal.to_json(report.to_dict(), "check"))
@@ -76,7 +75,7 @@ def check(
     else:
         from rpil.cli import exchange
 
-        found = exchange.of_faults(report.lines, None if isinstance(read, str) else read)
+        found = exchange.of_faults(report.lines, read)
         click.echo(exchange.written(form, found, file, "rpil check", report.headline))
     return int(bool(fatal & set(report.counts)))
 

@@ -78,9 +78,7 @@ def check(
     try:
         recording = cast("Recording | Demonstrations | Dataset", data) if is_open else opened(data, options)
     except DataError as error:
-        if found := files_alone(data):
-            return FaultReport(found, dict.fromkeys(RULES.keys() - {found[0].rule}, str(error)), {}, {}, {}, 0, 0)
-        raise
+        return of_files(data, error, str(error))
     times = _times_of(recording, times, fps)
     demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording
     there, known = recording.ids, dict[str, set[str]]()
@@ -106,16 +104,18 @@ def check(
     return replace(report, findings=findings, n_expected=len(every) - len(findings), ids=ids, groups=groups)
 
 
-def files_alone(data: object) -> tuple[Fault, ...]:
-    """Which of the files that a recording names are not sound, where its steps cannot be read."""
-    if not isinstance(data, str | os.PathLike) or not Path(data).exists():
-        return ()
-    if (claimed := find_format(data)) is None or claimed.find_defects is None:
-        return ()
+def of_files(data: object, error: DataError, why: str) -> FaultReport:
+    """The report on the files that a recording names, where they are not sound, and its steps cannot be read, `why`;
+    else the `error`."""
+    found: tuple[Fault, ...] = ()
     with suppress(DataError), guarded(str(data)):
-        found = claimed.find_defects(Path(data), False)
-        return tuple(recorded.fault_of(one) for one in found if one.what == "named files")
-    return ()
+        claimed = find_format(data) if isinstance(data, str | os.PathLike) and Path(data).exists() else None
+        if claimed is not None and claimed.find_defects is not None:
+            defects = claimed.find_defects(Path(str(data)), False)
+            found = tuple(recorded.fault_of(one) for one in defects if one.what == "named files")
+    if not found:
+        raise error
+    return FaultReport(found, {rule: why for rule in RULES if rule != found[0].rule}, {}, {}, {}, 0, 0)
 
 
 def _check_files(
