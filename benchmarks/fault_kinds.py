@@ -10,7 +10,7 @@ import numpy as np
 from rpil.data.demonstrations import Demonstrations
 from rpil.faults.checking import check
 from rpil.faults.measured_columns import column_labels
-from rpil.formats.metadata import Times
+from rpil.formats.places import Times
 from rpil.numerics.types import Array
 
 FPS = 30.0

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.formats.metadata import Times
+from rpil.formats.places import Times
 from rpil.numerics.types import Array
 
 Made = tuple[Demonstrations, Times]

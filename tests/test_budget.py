@@ -23,7 +23,7 @@ BUDGETS = {
     "data": (2349, 28),
     "estimators": (1800, 18),
     "faults": (2981, 122),
-    "formats": (5260, 54),
+    "formats": (5234, 54),
     "inference": (2242, 94),
     "mixture": (797, 20),
     "numerics": (584, 16),

@@ -3,7 +3,7 @@ import pytest
 from rpil.data import memory
 from rpil.data.errors import DataError
 from rpil.data.memory import LARGEST_METADATA, check_text, read_json, read_text
-from rpil.formats.metadata import MetaFolder
+from rpil.formats.parquet import MetaFolder
 
 
 def test_text_and_json_are_read_up_to_a_limit(tmp_path):

@@ -9,7 +9,7 @@ from recordings import demonstrations, recording
 from rpil.data.errors import DataError
 from rpil.faults.checking import check
 from rpil.faults.recorded import BY_LOOKING, find_frame_times, recorded_time
-from rpil.formats.metadata import Times
+from rpil.formats.places import Times
 
 DATA, FIVE = demonstrations(recording()), demonstrations(recording(5))
 LENGTHS = DATA.lengths.tolist()

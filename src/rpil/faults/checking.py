@@ -25,7 +25,7 @@ from rpil.faults.whole_rules import Duplicate, Length, OtherLag, trims
 from rpil.formats import ReadOptions, opened
 from rpil.formats.columns import ColumnOptions, check_options
 from rpil.formats.format import Dataset, Frame
-from rpil.formats.metadata import Times
+from rpil.formats.places import Times
 from rpil.formats.recording import Recording
 from rpil.formats.registry import find_format
 from rpil.numerics.types import Array, Bool

@@ -19,7 +19,7 @@ from rpil.faults.motion import RepeatedFrames
 from rpil.faults.rule import Fault, Rule
 from rpil.faults.still import few
 from rpil.formats.format import Defect
-from rpil.formats.metadata import Times, usual_step
+from rpil.formats.places import Times, usual_step
 from rpil.numerics.types import Array
 
 

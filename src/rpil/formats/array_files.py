@@ -21,8 +21,7 @@ from rpil.data.text import TASK, is_observation, may_be_outcome, natural_key, pl
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.containers import ZIP, is_zarr, keep_groups, open_hdf5, open_zarr
-from rpil.formats.format import Format, StepTables
-from rpil.formats.metadata import Metadata
+from rpil.formats.format import Format, Metadata, StepTables
 from rpil.formats.scan import commas, without_damaged
 from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts, read_once
 from rpil.formats.table_folder import has_tables

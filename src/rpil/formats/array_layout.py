@@ -18,8 +18,7 @@ from rpil.data.errors import DataError
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.data.text import ACTION_COLUMNS, EPISODE, plain_name
 from rpil.formats.columns import ColumnOptions, as_list
-from rpil.formats.format import StepTables
-from rpil.formats.metadata import Metadata
+from rpil.formats.format import Metadata, StepTables
 from rpil.formats.scan import commas
 from rpil.formats.step_arrays import NO_STEPS, Closed, Part, StoredArray, Tree, from_parts, read_once
 from rpil.numerics.types import Array

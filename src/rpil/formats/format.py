@@ -22,7 +22,6 @@ from rpil.data.text import short_name
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions, Columns, check_names
-from rpil.formats.metadata import Metadata
 from rpil.formats.steps import ArrowFile, Steps
 from rpil.formats.table import Place
 from rpil.numerics.types import Array
@@ -34,6 +33,19 @@ class Frame(Protocol):
 
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
         """Its columns."""
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """Statements of a recording on itself: attributes of a file, or LeRobot's ``meta``; empty where it says nothing."""
+
+    version: str = ""
+    fps: float | None = None
+    names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # of the numbers in a column of lists
+    tasks: Mapping[str, str] = field(default_factory=dict)  # by task_index, as text
+    videos: tuple[str, ...] = ()  # observations that lie beside the table
+    n_cameras: int = 0  # of videos and of images
+    lengths: Mapping[Id, int] = field(default_factory=dict)  # declared steps of each demonstration
 
 
 @dataclass(frozen=True, eq=False)

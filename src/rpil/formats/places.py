@@ -1,27 +1,32 @@
-"""Where the demonstrations of a recording are, and the order of their steps, by columns of the file."""
+"""Where the demonstrations of a recording are, and their order, times and facts, by columns of the file."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import repeat
 
 import numpy as np
+import pyarrow as pa
 
-from rpil.data.arrays import Id, as_ids, check_any, group_rows
+from rpil.data.arrays import Id, are_whole, as_ids, check_any, group_rows
 from rpil.data.errors import DataError
-from rpil.data.text import ORDER_COLUMNS, OUTCOME, plain_name
+from rpil.data.fit_data import FILE_SESSION, Facts, outcome_of_steps
+from rpil.data.text import EPISODE, ORDER_COLUMNS, OUTCOME, TIMESTAMP, plain_name
 from rpil.formats import table as flat
-from rpil.formats.columns import FILE, STRETCH, Columns
-from rpil.formats.metadata import find_clock
+from rpil.formats.columns import FILE, LENGTH, STRETCH, Columns
+from rpil.formats.format import Metadata
 from rpil.formats.steps import Steps
-from rpil.formats.table import Place
-from rpil.numerics.types import Array, Int
+from rpil.formats.table import BATCH_ROWS, Place
+from rpil.numerics.types import Array, Float, Int
 
 _WHOLE_NUMBER = re.compile(r"0|-?[1-9]\d{0,18}")
 _FILE_ORDER = "steps in the order of the file"
+
+MAX_NAMES = 20
+"""Tasks and operators of a description, at most."""
 
 
 def find_places(rows: Steps, columns: Columns) -> tuple[Steps, Columns]:
@@ -170,3 +175,138 @@ def shorter(
         ends = ((names[int(k)], part * length, (part + 1) * length) for k, part in pairs.T.tolist())
         names, group = [f"{m} [{a:.10g}, {b:.10g}) s" for m, a, b in ends], places.reshape(-1)
     return [*names], group
+
+
+def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
+    """The facts about the M demonstrations.
+
+    A `DataError` where the column of the session or of the outcome, which the user names, cannot be one.
+    """
+    table = steps.read(columns.facts)
+    files, order = steps.files(steps.offsets[:-1]), None
+    are_numbers = plain_name(columns.episode) == EPISODE[0] and isinstance(steps.ids[0], int)
+    if files and metadata.version and are_numbers:  # LeRobot numbers them in their order
+        order = np.array(steps.ids, dtype=float)
+    sessions, name = tuple[str, ...](), columns.session
+    if name == FILE_SESSION and name not in steps.table.schema.names:
+        if not files:
+            raise DataError(f"{steps.source}: its files make no sessions; name a column with --session.")
+        sessions = tuple(files)
+    elif name is not None:
+        pairs = pairs_of(steps, name)
+        counts = Counter(m for m, _ in pairs)
+        if wrong := [m for m, value in pairs if value is None or counts[m] > 1]:
+            place = f"{steps.source}, demonstration {wrong[0]}"
+            raise DataError(f"{place}: column {name!r} changes, or has no value, within it; give it one session.")
+        sessions = tuple(str(value) for _, value in pairs)
+    outcomes, lengths = list[Array](), np.diff(steps.offsets).astype(float)
+    for column, less in ((one.removeprefix("-"), one.startswith("-")) for one in columns.outcomes):
+        values = None if column == LENGTH else flat.numbers_or_missing(table[column])
+        found = lengths if column == LENGTH else None
+        if values is not None:
+            found = outcome_of_steps(values.astype(float), steps.offsets, column)
+        if found is None:
+            kinds = "neither one number for each demonstration, nor a reward, nor a flag of 0 and 1"
+            remedy = f"name another column with --outcome, or {LENGTH!r}"
+            raise DataError(f"{steps.source}: column {column!r} is {kinds}; {remedy}.")
+        is_flag = bool(np.isin(found[~np.isnan(found)], (0, 1)).all())  # which stays one
+        outcomes.append(float(is_flag) - found if less else found)
+    return Facts(order, sessions, tuple(outcomes), columns.outcomes)
+
+
+def pairs_of(steps: Steps, name: str | None) -> list[tuple[str, object]]:
+    """The different pairs of id, as text, and value of a column, if there is one, in the order of the file."""
+    if name is None:
+        return []
+    values, codes = flat.encoded(steps.read([name])[name])
+    each = np.repeat(np.arange(len(steps.ids), dtype=np.int32), np.diff(steps.offsets))
+    rows = flat.first_rows(each, codes)
+    values = [int(v) if isinstance(v, float) and are_whole(np.array([v])) else v for v in values] + [None]
+    return [(str(steps.ids[m]), values[k]) for m, k in zip(each[rows].tolist(), codes[rows].tolist(), strict=True)]
+
+
+def different(pairs: Iterable[tuple[str, object]], names: Mapping[str, str] | None = None) -> tuple[str, ...]:
+    """The different values of pairs of id and value, the first ones, by their `names` if they have any."""
+    values = dict.fromkeys(str(value) for _, value in pairs if value is not None)
+    return tuple((names or {}).get(value, value) for value in list(values)[:MAX_NAMES])
+
+
+_UNITS = {"s sec secs seconds": 1.0, "ms msec msecs": 1e-3, "us": 1e-6, "ns nsec nsecs nanosec": 1e-9}
+_SECONDS = {unit: seconds for units, seconds in _UNITS.items() for unit in units.split()}
+_WORDS_OF_TIME = {"t", "ts", "time", "timestamp", "timestamps", "stamp", "elapsed", "clock"}
+
+
+@dataclass(frozen=True, eq=False)
+class Times:
+    """Statements of a recording on its times and lengths."""
+
+    timestamps: Float[Array, " N"] | None = None  # of each step in seconds; NaN where it is missing
+    fps: float | None = None  # frames a second
+    frames: Mapping[Id, int] = field(default_factory=dict)  # that each demonstration should have
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """A column of time."""
+
+    ticks: Float[Array, " N"]
+    """Times of the steps, in the order of the demonstrations, from the smallest on; NaN where it is missing."""
+    unit: float | None
+    """Seconds in a tick, None where neither type, name nor size says it: then it is taken to be a second."""
+
+    def seconds(self, offsets: Array) -> tuple[float | None, float | None]:
+        """Duration of all demonstrations in seconds, and steps a second; None where they are not known."""
+        some = range(0, len(self.ticks), BATCH_ROWS * -(-len(self.ticks) // (16 * BATCH_ROWS)))  # of very many
+        steps = np.concatenate([np.diff(self.ticks[a : a + BATCH_ROWS + 1]) for a in some])
+        lengths, step = self.lengths(offsets), usual_step(steps)
+        if self.unit is None or step is None or not np.all(lengths >= 0):
+            return None, None
+        return float(lengths.sum() * self.unit), 1 / (step * self.unit)
+
+    def lengths(self, offsets: Array) -> Float[Array, " M"]:
+        """Lengths of the demonstrations, in ticks."""
+        return np.asarray(self.ticks[offsets[1:] - 1] - self.ticks[offsets[:-1]])
+
+
+def usual_step(steps: Array) -> float | None:
+    """The mean of the usual ones among the times between two rows, to which pauses do not belong; None without any."""
+    steps = steps[steps > 0]
+    return float(steps[steps <= 1.5 * np.median(steps)].mean()) if len(steps) else None
+
+
+def find_clock(steps: Steps, columns: Columns) -> Clock | None:
+    """The first column of time whose unit is known, or else one that is called so; None where there is none."""
+    named, found = [name for name in columns.all if plain_name(name) in TIMESTAMP], None
+    table = steps.read([*columns.orders, *named, *columns.times])  # the likeliest first
+    for name in table.column_names:
+        missing = np.asarray(table[name].is_null(nan_is_null=True).to_numpy(), dtype=bool)
+        values = flat.order_values(table[name].filter(~missing) if missing.any() else table[name])
+        if values is None or not len(values):
+            continue
+        unit, is_named = unit_of(name, table[name].type, values), plain_name(name) in TIMESTAMP
+        if unit is None and (found or not is_named):
+            continue
+        ticks = np.full(len(missing), np.nan)
+        ticks[~missing] = values - values.min()
+        clock = Clock(ticks, unit)
+        goes_on = is_named or ((np.diff(ticks) > 0).any() and not (clock.lengths(steps.offsets) < 0).any())
+        if unit is not None and goes_on:
+            return clock
+        found = clock if unit is None else found
+    return found
+
+
+def unit_of(name: str, kind: pa.DataType, values: Array) -> float | None:
+    """Seconds in one unit of a column of time; by its type, its name, or the size of a time since 1970."""
+    if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_time(kind):
+        return _SECONDS[kind.unit]
+    words = plain_name(name).split("_")
+    if words[-1] in _SECONDS and len(words) > 1:
+        return _SECONDS[words[-1]]
+    largest = max(float(values.max()), -float(values.min()))
+    for limit, unit in ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3)):
+        if largest > limit:
+            return unit
+    if not _WORDS_OF_TIME & set(words):
+        return None
+    return 1.0 if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)) else None

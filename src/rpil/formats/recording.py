@@ -20,8 +20,7 @@ from rpil.data.id_values import check_ids
 from rpil.data.text import counted
 from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids, by_column
 from rpil.formats.format import Dataset, Defect, Layout, StepTables
-from rpil.formats.metadata import Clock, Times, different, find_clock, find_facts, pairs_of
-from rpil.formats.places import find_places
+from rpil.formats.places import Clock, Times, different, find_clock, find_facts, find_places, pairs_of
 from rpil.formats.scan import Description, Scan, commas, left_out_lines, scan
 from rpil.formats.steps import ArrowFile, Steps
 from rpil.formats.table import end_to_end, numbers_or_missing

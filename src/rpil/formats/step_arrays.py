@@ -18,8 +18,7 @@ from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.format import StepTables
-from rpil.formats.metadata import Metadata
+from rpil.formats.format import Metadata, StepTables
 from rpil.formats.scan import commas
 from rpil.formats.table import BATCH_ROWS, Kind
 from rpil.numerics.types import Array

@@ -16,7 +16,7 @@ from rpil.formats import csv, parquet
 from rpil.formats.columns import FILE, ColumnOptions
 from rpil.formats.csv import TEXT_SUFFIXES
 from rpil.formats.format import Format, StepTables
-from rpil.formats.metadata import MetaFolder
+from rpil.formats.parquet import MetaFolder
 
 _MAY_BE_DATA = (".npz", ".npy", ".hdf5", ".h5", ".jsonl", ".ndjson", ".mat")
 

@@ -20,8 +20,9 @@ from rpil.data.files import check_inside, copy_folder, replacing
 from rpil.data.memory import Parsed
 from rpil.formats.format import Defect, Shot
 from rpil.formats.lerobot.video import NEAR_SECONDS, find_faults, load_av
-from rpil.formats.metadata import MetaFolder, fill, frame_rate, usual_step
+from rpil.formats.parquet import MetaFolder, fill, frame_rate
 from rpil.formats.parquet_file import read_table
+from rpil.formats.places import usual_step
 from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table import flattened, numbers_or_missing, parts_of_lists
 from rpil.formats.table_folder import find_files

@@ -29,8 +29,7 @@ from rpil.formats.lerobot.checked_folder import (
     ColumnStatistics,
     EpisodeRows,
 )
-from rpil.formats.metadata import fill, frame_rate
-from rpil.formats.parquet import keep_rows
+from rpil.formats.parquet import fill, frame_rate, keep_rows
 from rpil.numerics.types import Array
 
 _EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"

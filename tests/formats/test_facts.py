@@ -19,7 +19,8 @@ from rpil import formats
 from rpil.data.errors import DataError
 from rpil.formats import read_recording
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.metadata import Clock, fill, unit_of
+from rpil.formats.parquet import fill
+from rpil.formats.places import Clock, unit_of
 from samples import LENGTHS, OWNERS, STATES, lerobot
 
 SUCCESS = np.array([0, 0, 0, 1, *[0] * 6, *[0] * 4, 1])
