@@ -156,12 +156,8 @@ def check_pages(file: pq.ParquetFile, stream: pa.NativeFile, columns: Collection
 
 def _header_at(stream: pa.NativeFile, place: int) -> tuple[Fields, int]:
     """The header of the page at a place, and its length."""
-    content = io.BytesIO(stream.read_at(4096, place))
-    try:
-        return _fields(content), content.tell()
-    except IndexError:  # it has long texts
-        content = io.BytesIO(stream.read_at(16 * MIB, place))
-        return _fields(content), content.tell()
+    content = io.BytesIO(stream.read_at(65_536, place))  # writers shorten the texts in it to 4,096 bytes
+    return _fields(content), content.tell()
 
 
 def _fields(content: io.BytesIO) -> Fields:
