@@ -149,7 +149,7 @@ def test_arrays_that_do_not_fit_together_are_refused(written, arrays, message):
 
 def test_an_id_that_is_missing_is_named(written):
     ids = {"episode_ids": np.array([0.0, 0.0, np.nan, 1.0])}
-    with pytest.raises(DataError, match="row 3: episode_ids has no value; fill it in or leave the demonstration out"):
+    with pytest.raises(DataError, match="row 3: demonstration ids must be whole numbers or text; fill in the missing"):
         rpil.read(written({"observations": np.eye(4), "actions": np.array([0, 1, 0, 1])} | ids))
 
 

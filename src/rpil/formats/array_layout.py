@@ -137,9 +137,6 @@ class Arrays:
         n = self.n_steps
         if (named := self.shaped(((n,),), "ids")) or self.is_stacked:
             column, ids = (named[0], self.values(named[0])) if named else (_NUMBERED, np.arange(n))
-            if ids.dtype.kind == "f" and np.isnan(ids).any():
-                fault = f"row {np.argmax(np.isnan(ids)) + 1}: {column} has no value"
-                raise DataError(f"{self.source}, {fault}; fill it in or leave the demonstration out.")
             ids = ids.astype(np.int64) if ids.dtype.kind == "f" and are_whole(ids) else ids
             return Cut(column, ids, *(self._stacked_steps() if self.is_stacked else ()))
         for roles, find, note in _ROWS:

@@ -129,8 +129,6 @@ class Format:
     suffixes: tuple[str, ...] = ()  # extensions of its files; those that `write` writes have the first
     # Writes demonstrations to a path, and true values (M,) for each by name, which `read` ignores.
     write: Callable[[Path, Demonstrations, Mapping[str, Array]], None] | None = None
-    # A `DataError` where `keep` cannot write the data to the output, before any work; extensions are compared before.
-    check_output: Callable[[Path, Path], object] = lambda *_: None
     # What beside the demonstrations does not agree with them; with True, in videos too.
     find_defects: Callable[[Path, bool], list[Defect]] | None = None
     # Writes a copy to a new folder that says more of each demonstration: by the name of a column, values by id as text.

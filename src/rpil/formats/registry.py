@@ -164,7 +164,6 @@ class ClaimedPath:
             extension = path.suffix.lower() or "".join(self.format.suffixes[:1])
             if path.is_file() and new.suffix.lower() != extension:
                 raise DataError(f"{new}: give it the extension {extension}, or write another format with rpil convert.")
-            self.format.check_output(path, new)
         return files.check_writable(new)
 
 

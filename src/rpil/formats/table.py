@@ -207,8 +207,9 @@ def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Ar
         row = pc.index(pc.is_null(column), True).as_py()
         raise DataError(f"{at(row)}: column {name!r} has no value; fill it in or leave the demonstration out.")
     if pa.types.is_floating(column.type):
-        if not are_whole(column.to_numpy()):
-            raise DataError(f"{at(0)}: demonstration ids must be whole numbers or text; fill in the missing ones.")
+        if not are_whole(values := column.to_numpy()):
+            row = int(np.argmin(np.isfinite(values) & (values == np.round(values))))
+            raise DataError(f"{at(row)}: demonstration ids must be whole numbers or text; fill in the missing ones.")
         column = column.cast(pa.int64())
     elif pa.types.is_decimal(column.type) or pa.types.is_temporal(column.type):
         column = column.cast(pa.string())

@@ -59,7 +59,7 @@ def test_lines_of_json_of_version_2(dataset):
     recording = formats.read_recording(dataset)
     assert recording.tasks["3"] == "put down"
     assert recording.description.format == "LeRobot v2.1, 2 files"
-    with pytest.raises(DataError, match=r"version 'v2\.1'; convert it by LeRobot first, or write the list with -o"):
+    with pytest.raises(DataError, match=r"version 'v2\.1', which LeRobot converts to 3\.0; write the list with -o"):
         find(dataset).keep(dataset.with_name("kept"), [1])
     (dataset / "meta" / "tasks.jsonl").write_text("{}", encoding="utf-16")
     with pytest.raises(DataError, match=r"its tasks cannot be read .*; write them again in UTF-8"):

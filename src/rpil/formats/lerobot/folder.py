@@ -43,14 +43,18 @@ def claims(path: Path) -> bool:
     return (path / "meta" / "info.json").is_file() and (path / "data").is_dir()
 
 
-def check_output(path: Path, output: Path) -> dict[str, Parsed]:
-    """Read ``meta/info.json``; a `DataError` where `keep` cannot write to `output`."""
-    info = (folder := CheckedFolder(path)).info
-    version = info.get("codebase_version")
+def unkept(path: Path, options: ColumnOptions) -> str:
+    """Name of the folder in words, if `keep` writes no new one of it; empty where it writes one."""
+    version = CheckedFolder(path).info.get("codebase_version")
     if version != "v3.0":
-        said = f"keep writes folders of LeRobot 3.0, and this one is of version {str(version)[:20]!r}"
-        raise DataError(f"{path}: {said}; convert it by LeRobot first, or write the list with -o ids.json.")
-    with guarded(path / checked_folder.INFO):
+        return f"folder of LeRobot of version {str(version)[:20]!r}, which LeRobot converts to 3.0"
+    return "folder by other ids than its own" if options.id else ""
+
+
+def checked_info(folder: CheckedFolder) -> dict[str, Parsed]:
+    """The content of ``meta/info.json``; a `DataError` where no new folder can be written by it."""
+    info = folder.info
+    with guarded(folder.path / checked_folder.INFO):
         wrong = [name for name in folder.cameras("video") if not re.fullmatch(r"\w[\w.-]*", name)]
         size, fps = frame_rate(info.get("chunks_size", 1000)), float(info["fps"])
         if wrong:
@@ -115,7 +119,8 @@ def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) ->
 
 def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> None:
     """Write a new folder in the layout of version 3.0: episodes get new numbers from 0, in the order of the files."""
-    info, old, meta = check_output(path, output), CheckedFolder(path), output / "meta"
+    old, meta = CheckedFolder(path), output / "meta"
+    info = checked_info(old)
     old.check_whole()
     kept = {m: rows for m, rows in old.data.items() if str(m) in ids}
     with guarded(old.path / "meta" / "episodes"):
@@ -166,8 +171,7 @@ FORMAT = Format(
     claims=claims,
     read=table_folder.read,
     keep=keep,
-    unkept=lambda _, options: "folder by other ids than its own" if options.id else "",
-    check_output=check_output,
+    unkept=unkept,
     find_defects=checked_folder.find_defects,
     annotate=checked_folder.annotate,
     shots=checked_folder.find_shots,
