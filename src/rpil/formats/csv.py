@@ -160,8 +160,7 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
     with _parsing(file), file.path.open("rb") as text:
         content = text.read(_CHUNK)
         content = content[: content.find(b"\n", _HEAD_BYTES) + 1] or content  # whole lines
-        with pa.csv.open_csv(pa.BufferReader(content), *_options(file, len(content) + 1)) as reader:
-            first = reader.read_all()  # one block: a reader that has not seen the end may outlive Python, and abort
+        first = pa.csv.read_csv(pa.BufferReader(content), *_options(file, len(content) + 1))  # one block
     if not len(first) and default_id is None:
         said = "it has no rows; write one for each step below the names of its columns"
         raise DataError(f"{file.path.name}: {said}.")

@@ -81,25 +81,14 @@ def check_table(table: pa.Table, name: str) -> None:
 
 
 def check_sizes(file: pq.ParquetFile, columns: Collection[str], path: StrPath) -> list[int]:
-    """The bytes that `columns` of the open file at `path` take in memory in each row group; errors are those of
-    `bytes_of_groups`, and a `DataError` where lists hold more than its footer says."""
-    name = Path(path).name
-    sizes = bytes_of_groups(file, columns, name)
-    lists = [k for k in _parts_of(file, columns) if file.schema.column(k).max_repetition_level]
-    if lists:
-        with pa.OSFile(str(path)) as stream:
-            check_pages(file, stream, lists, name)
-    return sizes
+    """The bytes that `columns` of the open file at `path` take in memory in each row group, by its footer.
 
-
-def bytes_of_groups(file: pq.ParquetFile, columns: Collection[str], name: str) -> list[int]:
-    """The bytes that `columns` take in memory in each row group, by the footer of the file called `name`.
-
-    An error where a batch of rows does not fit in memory, or a column of numbers, texts or lists has more than its rows
-    can hold.
+    An error where a batch of rows does not fit in memory, where a column of numbers, texts or lists has more than its
+    rows can hold, or where pages of lists hold more than the footer says.
     """
-    kinds = {field.name: kind_of_type(field.type) for field in file.schema_arrow}
-    chosen, sizes = _parts_of(file, columns), []
+    name, sizes, kinds = Path(path).name, list[int](), {one.name: kind_of_type(one.type) for one in file.schema_arrow}
+    owners = (field.name for field in file.schema_arrow for _ in range(_n_parts(field.type)))
+    chosen = {k: column for k, column in enumerate(owners) if column in columns}
     for group in map(file.metadata.row_group, range(file.num_row_groups)):
         n_bytes, most = 0, BYTES_PER_NUMBER * _LONGEST_VALUE * group.num_rows + _LARGEST_PAGE
         for k, column in chosen.items():
@@ -111,13 +100,10 @@ def bytes_of_groups(file: pq.ParquetFile, columns: Collection[str], name: str) -
             n_bytes += size
         check_free(n_bytes * min(1.0, BATCH_ROWS / max(group.num_rows, 1)))
         sizes.append(n_bytes)
+    if lists := [k for k in chosen if file.schema.column(k).max_repetition_level]:
+        with pa.OSFile(str(path)) as stream:
+            check_pages(file, stream, lists, name)
     return sizes
-
-
-def _parts_of(file: pq.ParquetFile, columns: Collection[str]) -> dict[int, str]:
-    """The parts of the `columns` by number, with the column of each."""
-    owners = (field.name for field in file.schema_arrow for _ in range(_n_parts(field.type)))
-    return {k: column for k, column in enumerate(owners) if column in columns}
 
 
 def _n_parts(kind: pa.DataType) -> int:
@@ -146,21 +132,17 @@ def check_pages(file: pq.ParquetFile, stream: pa.NativeFile, columns: Collection
             place, n_values = chunk.data_page_offset, 0
             end = (chunk.dictionary_page_offset or place) + chunk.total_compressed_size
             while place < end:
-                header, n_bytes = _header_at(stream, place)
+                content = io.BytesIO(stream.read_at(MIB, place))  # most writers shorten the texts in it to 4,096 bytes
+                header = fields_of(content)
                 n_values += header.get(_N_VALUES, header.get(_N_VALUES_2, 0))
-                place += n_bytes + max(header[_PAGE_BYTES], 0)
+                place += content.tell() + max(header[_PAGE_BYTES], 0)
                 if n_values > chunk.num_values:
                     fault = f"pages of {chunk.path_in_schema} hold more values than its footer says"
                     raise DataError(f"{name}: {fault}; it is damaged, write it again.")
 
 
-def _header_at(stream: pa.NativeFile, place: int) -> tuple[Fields, int]:
-    """The header of the page at a place, and its length."""
-    content = io.BytesIO(stream.read_at(65_536, place))  # writers shorten the texts in it to 4,096 bytes
-    return _fields(content), content.tell()
-
-
-def _fields(content: io.BytesIO) -> Fields:
+def fields_of(content: io.BytesIO) -> Fields:
+    """The fields of the object of Thrift at the place of `content`, which is then behind it."""
     found: Fields = {}
     number = 0
     while head := content.read(1)[0]:
@@ -168,7 +150,7 @@ def _fields(content: io.BytesIO) -> Fields:
         if kind in (4, 5, 6):  # integers
             found[number,] = _signed(content)
         elif kind == 12:  # an object
-            found |= {(number, *inner): value for inner, value in _fields(content).items()}
+            found |= {(number, *inner): value for inner, value in fields_of(content).items()}
         elif kind in (3, 7, 8):  # a byte, a number of 8 bytes, a text
             content.seek({3: 1, 7: 8}.get(kind) or _unsigned(content), io.SEEK_CUR)
     return found
