@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -27,29 +27,6 @@ from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table import flattened, numbers_or_missing, parts_of_lists
 from rpil.formats.table_folder import find_files
 from rpil.numerics.types import Array
-
-ColumnStatistics = Mapping[str, Parsed]
-"""Lists by name: min, max, mean, std, count, and quantiles called q01 to q99."""
-
-ByFeature = dict[str, ColumnStatistics]
-"""Statistics of each feature."""
-
-
-def joined_stats(episodes: Sequence[ColumnStatistics]) -> dict[str, Parsed]:
-    """Join the statistics of episodes, by their counts: of quantiles the mean, as LeRobot has it."""
-    counts = np.array([np.ravel(one["count"])[0] for one in episodes], dtype=float)
-    names = [name for name in episodes[0] if name != "count" and all(name in one for one in episodes)]
-    values = {name: np.array([one[name] for one in episodes], dtype=float) for name in names}
-
-    def average(of_each: Array) -> Array:
-        return np.asarray(np.average(of_each, axis=0, weights=counts))
-
-    by_name = {"min": np.min, "max": np.max}
-    found = {name: by_name[name](x, axis=0) if name in by_name else average(x) for name, x in values.items()}
-    if "std" in found:
-        found["std"] = np.sqrt(average(values["std"] ** 2 + (values["mean"] - found["mean"]) ** 2))
-    return {"count": [int(counts.sum())], **{name: numbers.tolist() for name, numbers in found.items()}}
-
 
 INFO, STATS, EPISODES_STATS = "meta/info.json", "meta/stats.json", "meta/episodes_stats.jsonl"
 
@@ -143,17 +120,6 @@ class CheckedFolder(MetaFolder):
         """The schema of the table of the episodes; None where it is no Parquet file."""
         schemas = [pq.read_schema(str(place)) for place in self.tables("episodes")]
         return pa.unify_schemas(schemas, promote_options="permissive") if schemas else None
-
-    def statistics(self) -> dict[int, ByFeature]:
-        """Statistics of each episode by feature, in version 3.0."""
-        found: dict[int, ByFeature] = {}
-        for row in self.rows("episodes", lambda column: column.startswith(("stats/", "episode_index"))):
-            m, own = int(row.pop("episode_index")), defaultdict[str, dict[str, Parsed]](dict)
-            for column in row:
-                feature, _, name = column.removeprefix("stats/").rpartition("/")
-                own[feature][name] = row[column]
-            found[m] = {**own}
-        return found
 
     def shots(self, only: Collection[str] | None = None) -> list[Shot]:
         """Where the frames of each episode that is there, `only` these or all, are, by camera; a `DataError` where

@@ -21,14 +21,7 @@ from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, Shot
 from rpil.formats.lerobot import checked_folder
-from rpil.formats.lerobot.checked_folder import (
-    DATA_PATH,
-    VIDEO_PATH,
-    ByFeature,
-    CheckedFolder,
-    ColumnStatistics,
-    EpisodeRows,
-)
+from rpil.formats.lerobot.checked_folder import DATA_PATH, VIDEO_PATH, CheckedFolder, EpisodeRows
 from rpil.formats.parquet import fill, frame_rate, keep_rows
 from rpil.numerics.types import Array
 
@@ -79,19 +72,20 @@ def write_episodes(
     places: Places,
     shots: Sequence[Shot],
     n_in_chunk: int,
-) -> list[ByFeature]:
+) -> list[dict[str, Parsed]]:
     """Write what is said of the kept episodes, with their new numbers, and the `places` of their data, and the videos
-    that have the `shots` of them. Returned are the statistics of each episode."""
-    rows, statistics = {m: dict(old.episodes[m]) for m in kept}, old.statistics()
-    start, found, copied = 0, [], defaultdict[str, Places](dict)
+    that have the `shots` of them. Returned is what is written of each episode, such as ``stats/action/min``."""
+    rows = {int(row["episode_index"]): row for row in old.rows("episodes")}
+    start, copied = 0, defaultdict[str, Places](dict)
     for number, (m, of_data) in enumerate(kept.items()):
-        firsts, own, end = {"index": start, "episode_index": number}, statistics[m], start + of_data.n
-        rows[m] |= {"length": of_data.n, "dataset_from_index": start, "dataset_to_index": end, "episode_index": number}
+        row, end = rows[m], start + of_data.n
+        for name, first in {"index": start, "episode_index": number}.items():
+            own = statistics_in(row, name)
+            by = first - int(np.min(own.get("min", first)))
+            row |= {f"stats/{name}/{k}": np.add(x, by).tolist() for k, x in own.items() if k not in ("std", "count")}
+        row |= {"length": of_data.n, "dataset_from_index": start, "dataset_to_index": end, "episode_index": number}
         for name, place in {"data": places[of_data.file], "meta/episodes": (0, 0)}.items():
-            rows[m] |= {f"{name}/chunk_index": place[0], f"{name}/file_index": place[1]}
-        own |= {name: moved(own[name], to) for name, to in firsts.items() if "min" in own.get(name, ())}
-        rows[m] |= {f"stats/{feature}/{name}": x for feature, one in own.items() for name, x in one.items()}
-        found.append(own)
+            row |= {f"{name}/chunk_index": place[0], f"{name}/file_index": place[1]}
         start = end
     for shot in shots:  # a file with any of these episodes is copied whole
         videos, file = copied[shot.camera], str(shot.path)
@@ -101,14 +95,31 @@ def write_episodes(
         where = zip(("chunk_index", "file_index"), videos[file], strict=True)
         said = {**dict(where), "from_timestamp": shot.start, "to_timestamp": shot.end}
         rows[shot.episode] |= {f"videos/{shot.camera}/{name}": value for name, value in said.items()}
-    pq.write_table(pa.Table.from_pylist([*rows.values()], old.schema), target(new, _EPISODES, (0, 0)))
+    found = [rows[m] for m in kept]
+    pq.write_table(pa.Table.from_pylist(found, old.schema), target(new, _EPISODES, (0, 0)))
     return found
 
 
-def moved(of_episode: ColumnStatistics, first: int) -> dict[str, Parsed]:
-    """Statistics of numbers in an episode that are renumbered from `first` on."""
-    by = first - int(np.min(of_episode["min"]))
-    return {name: x if name in ("std", "count") else np.add(x, by).tolist() for name, x in of_episode.items()}
+def statistics_in(row: Mapping[str, Parsed], feature: str) -> dict[str, Parsed]:
+    """Statistics of a feature in a row of the table of episodes: min, max, mean, std, count, and quantiles as q01."""
+    own = f"stats/{feature}"
+    return {name: row[column] for column in row for place, _, name in [column.rpartition("/")] if place == own}
+
+
+def joined_stats(episodes: Sequence[Mapping[str, Parsed]]) -> dict[str, Parsed]:
+    """Join the statistics of episodes, by their counts: of quantiles the mean, as LeRobot has it."""
+    counts = np.array([np.ravel(one["count"])[0] for one in episodes], dtype=float)
+    names = [name for name in episodes[0] if name != "count" and all(name in one for one in episodes)]
+    values = {name: np.array([one[name] for one in episodes], dtype=float) for name in names}
+
+    def average(of_each: Array) -> Array:
+        return np.asarray(np.average(of_each, axis=0, weights=counts))
+
+    by_name = {"min": np.min, "max": np.max}
+    found = {name: by_name[name](x, axis=0) if name in by_name else average(x) for name, x in values.items()}
+    if "std" in found:
+        found["std"] = np.sqrt(average(values["std"] ** 2 + (values["mean"] - found["mean"]) ** 2))
+    return {"count": [int(counts.sum())], **{name: numbers.tolist() for name, numbers in found.items()}}
 
 
 def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) -> pa.Table:
@@ -154,15 +165,16 @@ def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> Non
         new = target(output, DATA_PATH, place)
         keep_rows(old.path / file, new, ids, ColumnOptions(id="episode_index"), renumbered)
     with guarded(old.path / "meta" / "episodes"):
-        by_episode, n = write_episodes(old, output, kept, places, shots, info["chunks_size"]), len(kept)
+        rows, n = write_episodes(old, output, kept, places, shots, info["chunks_size"]), len(kept)
         info |= {"total_episodes": n, "total_frames": n_steps, "data_path": DATA_PATH}
         info |= {"splits": {"train": f"0:{n}"}} | ({"video_path": VIDEO_PATH} if shots else {})
         (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8")
     with guarded(old.path / checked_folder.STATS):
         if (stats_file := output / checked_folder.STATS).is_file():  # of features that no episode has they stay
             stats = read_json(stats_file)
-            for name in stats.keys() & set.intersection(*map(set, by_episode)):
-                stats[name] = checked_folder.joined_stats([own[name] for own in by_episode])
+            for name in stats:
+                of_each = [statistics_in(row, name) for row in rows]
+                stats[name] = joined_stats(of_each) if all(of_each) else stats[name]
             stats_file.write_text(json.dumps(stats, indent=4), encoding="utf-8")
 
 
