@@ -26,9 +26,6 @@ from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, StepTables, called, from_arrow
 from rpil.formats.recording import Recording, from_tables
 
-_LISTS = (".json", ".txt")
-"""Extensions of lists of ids."""
-
 
 class Formats:
     """The formats of `rpil.formats`, and of other packages: a module is imported when its turn comes."""
@@ -122,7 +119,7 @@ class ClaimedPath:
     def is_list(self, output: StrPath) -> bool:
         """Whether `keep` writes the list of the ids to an output of this name."""
         suffix = Path(output).suffix.lower()
-        return suffix in _LISTS and suffix != Path(self.path).suffix.lower()
+        return suffix in (".json", ".txt") and suffix != Path(self.path).suffix.lower()
 
     def unkept(self, options: ColumnOptions = ColumnOptions()) -> str:
         """Name of the data that `keep` writes no new file of, in words; empty where it writes one."""

@@ -123,7 +123,7 @@ def from_parts(
     dtypes = {name: [part.arrays[name].dtype for part in parts] for name in steps}
     types = {m: None if is_text(own[0]) else np.result_type(*map(_native_type, own)) for m, own in dtypes.items()}
 
-    def table_of(pieces: Pieces) -> pa.Table:
+    def table_of(pieces: Sequence[tuple[Part, slice]]) -> pa.Table:
         values = {m: _column([part.arrays[m][rows] for part, rows in pieces], types[m]) for m in steps}
         lengths = [rows.stop - rows.start for _, rows in pieces]
         about = {m: np.repeat(np.array([part.about[m] for part, _ in pieces]), lengths) for m in whole}
@@ -152,12 +152,8 @@ def is_text(dtype: np.dtype[Any]) -> bool:
     return dtype.kind in "SUT" or (dtype.metadata is not None and dtype.metadata.get("vlen") in (str, bytes))
 
 
-Pieces = Sequence[tuple[Part, slice]]
-"""Some steps of parts."""
-
-
-def _batches(parts: Sequence[Part]) -> Iterator[Pieces]:
-    """All steps, of which about as many go together as a table has rows."""
+def _batches(parts: Sequence[Part]) -> Iterator[list[tuple[Part, slice]]]:
+    """All steps, of which about as many go together as a table has rows: parts, and the rows of each."""
     pieces, n_rows = list[tuple[Part, slice]](), 0
     for part in parts:
         for first in range(0, part.n_steps, BATCH_ROWS):
