@@ -33,8 +33,6 @@ _HEAD_COLUMNS = 2000  # whose first values are looked at
 _ROWS_OF_LISTS = 16  # by which their widths are told
 _NESTED_ROWS = 1000  # read at a time where there are images, whose bytes no footer says
 
-Change = Callable[["pa.Table"], "pa.Table"]
-
 
 def read_files(paths: Sequence[str], options: ColumnOptions, source: str) -> StepTables:
     """Read files with the same columns; each of several is a demonstration where no column is its id."""
@@ -156,10 +154,8 @@ def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
             writer.write_table(table)
 
 
-def keep_rows(
-    path: Path, output: Path, ids: Set[str], options: ColumnOptions, change: Change = lambda table: table
-) -> None:
-    """Write the rows of the demonstrations `ids` of a Parquet file, after a `change`, a batch at a time."""
+def keep_rows(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> None:
+    """Write the rows of the demonstrations `ids` of a Parquet file, a batch at a time."""
     with opened(path) as file:
         schema, column = file.schema.to_arrow_schema(), columns_of_file(file, path, options).episode
         check_memory(max(check_sizes(file, schema.names, path), default=0), path.name, options.memory)
@@ -170,7 +166,7 @@ def keep_rows(
                 names, owners = flat.id_codes(table, column, lambda _: path.name)
                 rows = np.flatnonzero(np.isin(owners, [k for k, name in enumerate(names) if str(name) in ids]))
                 if len(rows):
-                    writer.write_table(change(table.take(rows)).cast(schema))
+                    writer.write_table(table.take(rows).cast(schema))
 
 
 _PLACE = re.compile(r"\{(\w+)(?::(0\dd))?\}")

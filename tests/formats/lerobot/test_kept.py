@@ -62,7 +62,7 @@ def test_statistics_are_those_of_the_kept_and_others_stay(tmp_path):
     np.testing.assert_allclose(found["action"]["min"], np.min(actions, axis=0))
 
 
-def test_episodes_within_each_other_are_sorted(tmp_path, monkeypatch):
+def test_episodes_within_each_other_are_sorted(tmp_path):
     root = folders.write(tmp_path / "drive", LENGTHS)
     old = folders.read(root)
     file = root / "data" / "chunk-000" / "file-000.parquet"
@@ -71,9 +71,6 @@ def test_episodes_within_each_other_are_sorted(tmp_path, monkeypatch):
     find(root).keep(tmp_path / "kept", [0, 2, 4])
     for one, m in zip(folders.read(tmp_path / "kept"), [0, 2, 4], strict=True):
         assert_same(one, old[m])
-    monkeypatch.setattr("rpil.formats.parquet.BATCH_ROWS", 5)  # which are not sorted together
-    with pytest.raises(DataError, match="within each other"):
-        find(root).keep(tmp_path / "other", [0, 1])
 
 
 def test_videos_that_are_missing_are_named(tmp_path):

@@ -49,6 +49,13 @@ class EpisodeRows(NamedTuple):
     fps: float
 
 
+def rows_of_episodes(table: pa.Table) -> dict[int, Array]:
+    """The rows of each episode in a table, by its number, in the order in which episodes first appear."""
+    numbers, offsets, rows = group_rows(table["episode_index"].to_numpy())
+    each = np.split(np.arange(len(table)) if rows is None else rows, offsets[1:-1])
+    return dict(zip(numbers.tolist(), each, strict=False))  # one part without rows where the table has none
+
+
 @dataclass(frozen=True, eq=False)
 class CheckedFolder(MetaFolder):
     """A folder of LeRobot; errors of reading are `DataError`."""
@@ -76,10 +83,8 @@ class CheckedFolder(MetaFolder):
             table = read_table(file, ["episode_index", "index", "timestamp"])
         found, columns, place = dict[int, EpisodeRows](), table.column_names, os.path.relpath(file, self.path)
         all_times = numbers_or_missing(table["timestamp"]) if "timestamp" in columns else None
-        numbers, offsets, rows = group_rows(table["episode_index"].to_numpy())
-        of_each = np.split(np.arange(len(table)) if rows is None else rows, offsets[1:-1])
         fps, has_videos = frame_rate(self.info.get("fps")), bool(self.cameras("video"))
-        for m, own in zip(numbers.tolist(), of_each, strict=True):
+        for m, own in rows_of_episodes(table).items():
             first = table["index"][int(own[0])].as_py() if "index" in columns else -1
             timing, frames = (0.0, 0.0, 0.0), np.arange(len(own))
             if fps is not None and all_times is not None:
@@ -104,9 +109,8 @@ class CheckedFolder(MetaFolder):
             wanted = [part for name in table.column_names[1:] for part in lists.get(name, (name,))]
             values = map(numbers_or_missing, flattened(table, lists, wanted).columns)
             if columns := [one for one in values if one is not None]:
-                numbers, offsets, rows = group_rows(table["episode_index"].to_numpy())
-                joined = np.stack(columns, axis=1)[slice(None) if rows is None else rows]
-                found |= zip(numbers.tolist(), np.split(joined, offsets[1:-1]), strict=True)
+                joined = np.stack(columns, axis=1)
+                found |= {m: joined[rows] for m, rows in rows_of_episodes(table).items()}
         return found
 
     @cached_property

@@ -13,7 +13,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rpil.data.arrays import group_rows
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import check_readable, copy_folder
 from rpil.data.memory import Parsed, read_json
@@ -21,8 +20,9 @@ from rpil.formats import table_folder
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Format, Shot
 from rpil.formats.lerobot import checked_folder
-from rpil.formats.lerobot.checked_folder import DATA_PATH, VIDEO_PATH, CheckedFolder, EpisodeRows
-from rpil.formats.parquet import fill, frame_rate, keep_rows
+from rpil.formats.lerobot.checked_folder import DATA_PATH, VIDEO_PATH, CheckedFolder, EpisodeRows, rows_of_episodes
+from rpil.formats.parquet import fill, frame_rate
+from rpil.formats.parquet_file import read_table
 from rpil.numerics.types import Array
 
 _EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
@@ -144,26 +144,18 @@ def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> Non
             ways = "download it, leave its episodes out, or write the list with -o ids.json"
             raise DataError(f"{shot.path}: this video is not there; {ways}.")
     copy_folder(old.path / "meta", meta, without=("episodes", "info.json"))
-    numbers, last, n_steps = {m: number for number, m in enumerate(kept)}, 0, 0
-
-    def renumbered(table: pa.Table) -> pa.Table:
-        """Rows with new numbers of episode and step."""
-        nonlocal last, n_steps
-        rows = group_rows(table["episode_index"].to_numpy())[2]
-        table = table if rows is None else table.take(rows)
-        values, places = np.unique(table["episode_index"].to_numpy(), return_inverse=True)
-        episodes = np.array([numbers[m] for m in values.tolist()])[places]
-        if np.any(np.diff(episodes, prepend=last) < 0):
-            raise DataError(f"{old.path}: its episodes lie within each other; sort the rows by episode_index.")
-        first, last, n_steps = n_steps, episodes[-1], n_steps + len(table)
-        table = with_column(table, "episode_index", episodes)
-        return with_column(table, "index", np.arange(first, n_steps)) if "index" in table.column_names else table
-
     files = dict.fromkeys(rows.file for rows in kept.values())
     places = {file: divmod(n, info["chunks_size"]) for n, file in enumerate(files)}
+    numbers, n_steps = {m: number for number, m in enumerate(kept)}, 0
     for file, place in places.items():
-        new = target(output, DATA_PATH, place)
-        keep_rows(old.path / file, new, ids, ColumnOptions(id="episode_index"), renumbered)
+        table = read_table(old.path / file)
+        own = {m: rows for m, rows in rows_of_episodes(table).items() if m in kept}
+        table = table.take(np.concatenate([*own.values()]))
+        table = with_column(table, "episode_index", np.repeat([numbers[m] for m in own], [*map(len, own.values())]))
+        if "index" in table.column_names:
+            table = with_column(table, "index", np.arange(n_steps, n_steps + len(table)))
+        pq.write_table(table, target(output, DATA_PATH, place))
+        n_steps += len(table)
     with guarded(old.path / "meta" / "episodes"):
         rows, n = write_episodes(old, output, kept, places, shots, info["chunks_size"]), len(kept)
         info |= {"total_episodes": n, "total_frames": n_steps, "data_path": DATA_PATH}
