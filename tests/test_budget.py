@@ -23,7 +23,7 @@ BUDGETS = {
     "data": (2349, 28),
     "estimators": (1800, 18),
     "faults": (2981, 122),
-    "formats": (5234, 54),
+    "formats": (5171, 54),
     "inference": (2242, 94),
     "mixture": (797, 20),
     "numerics": (584, 16),
@@ -35,7 +35,7 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 23_557, 2_069, 23_994
+LINES, PAGE_LINES, TEST_LINES = 23_468, 2_069, 23_993
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0
