@@ -14,7 +14,8 @@ import numpy as np
 import rpil
 from claims import Job, Row
 from claims import jobs as claims_jobs
-from rpil.inference.answered import Answered, answer, places_to_ask
+from rpil.data.fit_data import Demonstrators
+from rpil.inference.answered import NOBODY, Answered, answer, places_to_ask
 from rpil.inference.answers import Answers
 from rpil.inference.settings import AnswerSettings
 from worlds import Array
@@ -55,7 +56,8 @@ def audited(job: Job) -> Row:
         warnings.simplefilter("ignore")
         audit = rpil.audit(world.demonstrations)
     pair = [audit.index(other) for other in audit.pair]
-    of_all = {"columns": audit.columns, "log_odds": audit.log_odds, "pair": pair}
+    who = Demonstrators.from_names(world.people) if world.people else Demonstrators()
+    of_all = {"columns": audit.columns, "log_odds": audit.log_odds, "pair": pair, "who": who}
     of_all |= {"finding": audit.finding, "claimed": audit.claimed}
     return {"kind": job.kind, "name": job.name, "good": world.is_good, "quality": world.quality} | of_all
 
@@ -75,9 +77,11 @@ def drawn(good: Array, count: int, rng: np.random.Generator) -> Array | None:
             return np.asarray(chosen)
 
 
-def answered(audit: Row, answers: Answers, settings: AnswerSettings = SETTINGS) -> Answered:
+def answered(
+    audit: Row, answers: Answers, settings: AnswerSettings = SETTINGS, who: Demonstrators = NOBODY
+) -> Answered:
     """What answers make of an audit."""
-    return answer(audit["columns"], answers, settings, np.arange(len(audit["columns"])))
+    return answer(audit["columns"], answers, settings, np.arange(len(audit["columns"])), who)
 
 
 def labelled(audit: Row, chosen: Array, signs: Array | None = None, settings: AnswerSettings = SETTINGS) -> Answered:

@@ -1,7 +1,7 @@
 """Witnesses of unknown reliability and sign beside four answers: rows of benchmarks/answers.py.
 
 Five flags are right of 60 to 90 % of the demonstrations. Two err together, and one is reversed. A coin is added to
-them, or two coins are all there is.
+them, or two coins are all there is. Operators are witnesses, too: their names are given, by chance, or not at all.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 
 from answer_draws import answered, drawn, mean, rest_of
 from claims import Row, auroc
+from rpil.data.fit_data import Demonstrators
 from rpil.inference.answers import Answers
 from worlds import Array
 
@@ -64,4 +65,35 @@ def by_witnesses(sets: list[Row], draws: int) -> list[Row]:
         rows.append({"what": f"{N_ANSWERS} random labels, {kind}: AUROC of the rest", "figure": mean(values[kind])})
         figure = f"{given / max(total, 1):.0%} have a verdict, {wrong} of {given} wrong ({wrong / max(given, 1):.1%})"
         rows.append({"what": f"{N_ANSWERS} random labels, {kind}: verdicts", "figure": figure})
+    return rows
+
+
+def by_operators(sets: list[Row], draws: int, count: int) -> list[Row]:
+    """Random labels of sets whose operators are known: with their names, with names by chance, and without; and labels
+    by a coin with their names."""
+    kinds = ("without operators", "operators named", "operators by chance", "operators named, a coin")
+    values, words = {kind: [] for kind in kinds}, {kind: np.zeros(3, dtype=int) for kind in kinds}
+    for audit in sets:
+        own = {kind: [] for kind in kinds}
+        for draw in range(draws if audit["who"].informative else 0):
+            rng, good = np.random.default_rng(draw), audit["good"]
+            chosen = drawn(good, count, rng)
+            if chosen is None:
+                continue
+            who, rest = audit["who"], rest_of(audit, chosen)
+            by_chance = Demonstrators(rng.permutation(who.index), who.names)
+            for kind, named in zip(kinds, (Demonstrators(), who, by_chance, who), strict=True):
+                labels = np.zeros(len(good), dtype=int)
+                labels[chosen] = rng.choice([1, -1], count) if "coin" in kind else 2 * good[chosen] - 1
+                found = answered(audit, Answers.of_labels(labels), who=named)
+                own[kind].append(auroc(good[rest], found.log_odds[rest]))
+                said = found.verdicts[rest]
+                words[kind] += [(said != 0).sum(), (said * (2 * good[rest] - 1) < 0).sum(), len(rest)]
+        for kind, found in own.items():
+            values[kind] += [np.mean(found)] if found else []
+    rows = []
+    for kind, (given, wrong, total) in words.items():
+        rows.append({"what": f"{count} random labels, {kind}: AUROC of the rest", "figure": mean(values[kind])})
+        figure = f"{given / max(total, 1):.0%} have a verdict, {wrong} of {given} wrong ({wrong / max(given, 1):.1%})"
+        rows.append({"what": f"{count} random labels, {kind}: verdicts", "figure": figure})
     return rows

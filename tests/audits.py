@@ -68,8 +68,5 @@ def make_audit(
     fields |= changes
     for name, label in (labels or {}).items():
         fields["answers"].labels[fields["ids"].index(name)] = label
-    nothing = np.zeros(size)
-    audit = Audit(
-        **({"from_actions": fields["log_odds"], "from_demonstrator": nothing, "from_label": nothing} | fields)
-    )
+    audit = Audit(**({"from_actions": fields["log_odds"], "from_label": np.zeros(size)} | fields))
     return audit if "rejected_by" in fields else replace(audit, rejected_by=rejecting_rules(audit))

@@ -21,21 +21,21 @@ ROOT = TOOL["ROOT"]
 BUDGETS = {
     "cli": (2198, 20),
     "data": (2349, 28),
-    "estimators": (1800, 18),
+    "estimators": (1799, 18),
     "faults": (2981, 122),
     "formats": (5171, 54),
-    "inference": (2242, 94),
-    "mixture": (797, 20),
+    "inference": (2269, 95),
+    "mixture": (691, 11),
     "numerics": (584, 16),
     "policies": (1267, 49),
-    "results": (2450, 43),
+    "results": (2437, 43),
     "scale": (593, 20),
     "segments": (499, 19),
     "simulation": (426, 0),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 23_468, 2_069, 23_993
+LINES, PAGE_LINES, TEST_LINES = 23_375, 2_069, 23_943
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0

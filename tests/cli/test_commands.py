@@ -38,7 +38,7 @@ def test_audit_writes_verdicts_and_the_list_to_keep(folder):
     for row in rows:
         for name in ("verdict", "log_odds", "expert_proba", "reliability", "n_steps"):
             assert row[name] == printed[row["id"]][name]
-        assert row["from_demonstrator"] == printed[row["id"]]["evidence"]["demonstrator"]
+        assert row["from_label"] == printed[row["id"]]["evidence"]["label"]
     assert json.loads(Path("k.json").read_text())["episodes"] == [*range(12)]
     assert json.loads(Path("k.json").read_text())["rejected"] == {}
 

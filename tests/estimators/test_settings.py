@@ -9,7 +9,6 @@ from sklearn.linear_model import LogisticRegression
 from problems import make, make_continuous, refused
 from rpil import RPIL, MixtureSettings, SampleSettings, Settings
 from rpil.inference.settings import AnswerSettings, HeldOutSettings, JudgeSettings, OutlierSettings
-from rpil.mixture.settings import DemonstratorSettings
 from rpil.numerics.regression import ErrorSettings
 from rpil.policies.settings import CrossFitSettings
 from rpil.scale.settings import AscentSettings
@@ -41,7 +40,6 @@ def test_error_settings_reach_the_scores_of_continuous_actions():
         (partial(MixtureSettings, prior=(0.5, 2)), r"Beta prior \(0.5, 2.0\) has no single mode"),
         (partial(MixtureSettings, max_iter=-1), "max_iter=-1 must be a whole number"),
         (partial(MixtureSettings, tol=-1.0), "tol=-1.0 must be a number"),
-        (partial(DemonstratorSettings, spreads=(0.0, -1.0)), "spreads"),
         (partial(SampleSettings, max_ratio=0.5), "max_ratio=0.5"),
         (partial(AscentSettings, max_passes=0), "max_passes=0 must be a whole number"),
         (partial(Settings, min_feature_weight=1.0), "min_feature_weight=1.0"),

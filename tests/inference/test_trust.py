@@ -21,7 +21,6 @@ from rpil.inference.outliers import Claims
 from rpil.inference.scores import Scoring
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import Judgement, judge, repeated, score_by_best_group
-from rpil.mixture.demonstrator_prior import demonstrator_posterior
 from rpil.results.judged import AuditSettings
 from rpil.results.summary import audit_from_judgement
 from rpil.results.vocabulary import SIDES
@@ -54,7 +53,6 @@ def test_without_answers_the_claims_are_said():
     assert [SIDES[verdict] for verdict in audit.verdicts] == ["open"] * 6 + ["lower"] * 4
     np.testing.assert_array_equal(audit.from_actions, judgement.scores.log_odds)
     assert not audit.from_label.any()
-    assert not audit.from_demonstrator.any()
     np.testing.assert_array_equal(audit.log_odds, audit.from_actions)
     np.testing.assert_array_equal(judgement.scores.fit.group, ~LOWER)
     np.testing.assert_array_equal(audit.columns, judgement.columns)
@@ -80,16 +78,15 @@ def test_the_share_of_experts_is_known_where_groups_or_answers_are():
         assert share == pytest.approx(expert_share_interval(expit(audit.log_odds), assumed))
 
 
-def test_answers_count_before_operators():
+def test_operators_are_evidence_beside_answers_and_their_trust_is_the_share_of_good_ones():
     who = Demonstrators.from_names(["a"] * 5 + ["b"] * 5)
     _, audit, answers = concluded(TOLD, who=who)
-    by_hand = answer(audit.columns, answers, SETTINGS.answers, np.arange(10))
+    by_hand = answer(audit.columns, answers, SETTINGS.answers, np.arange(10), who)
+    np.testing.assert_array_equal(audit.log_odds, by_hand.log_odds)
     np.testing.assert_allclose(audit.from_actions + audit.from_label, by_hand.log_odds)
-    posterior = demonstrator_posterior(who, by_hand.log_odds, answers.labels, SETTINGS.demonstrators)
-    of_operator = np.where(answers.labels, 0.0, posterior.log_odds)  # a label says what its demonstration is
-    np.testing.assert_allclose(audit.log_odds, by_hand.log_odds + of_operator)
-    trust = {who.name: (who.trust.mean, who.trust.low, who.trust.high) for who in audit.demonstrators}
-    np.testing.assert_allclose([trust["a"], trust["b"]], posterior.intervals())
+    trust = [(who.name, who.trust.mean, who.trust.low, who.trust.high) for who in audit.demonstrators]
+    shares = [expert_share_interval(expit(audit.log_odds[own]), 1.0) for own in (slice(5), slice(5, 10))]
+    assert trust == [("a", *shares[0]), ("b", *shares[1])]
 
 
 # The training group.

@@ -50,15 +50,6 @@ def test_reason_names_the_stretch_of_the_audit() -> None:
     assert replace(audit, step_log_ratio=ratio).reasons[0] == "In the middle of the ranking; most different at step 3."
 
 
-def test_demonstrator_is_the_reason_where_its_part_is_the_larger() -> None:
-    """As it is of outliers without answers that one answer leaves."""
-    parts = {"from_actions": np.array([0.5, -3.0, -1.0]), "from_demonstrator": np.array([-4.0, -1.0, -1.0])}
-    known = {"anchor": "answers", "finding": "answered", "log_odds": np.array([-3.5, -4.0, -2.0])}
-    audit = make_audit(("outlier",) * 3, **parts, **known, step_log_ratio=np.ones(30), lengths=[10] * 3)
-    different = "Its actions differ from those of most others."
-    assert audit.reasons == ("Judged by the other demonstrations of its operator.", different, different)
-
-
 def test_reason_of_an_open_one_is_true_of_high_and_of_low_log_odds() -> None:
     limit = float(np.log(0.85 / 0.15))  # of the verdict good
     log_odds = np.array([limit + 0.01, limit - 0.01, 0.01 - limit, -0.01 - limit])

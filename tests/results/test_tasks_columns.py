@@ -48,7 +48,7 @@ def full_audit() -> Audit:
         fps=30.0,
         provenance={"rpil": "1", "settings": {"x": ("a", 1, None)}},
         rejected_by=("", "", "labels", "outcome", "answers", "adversary", "", "", "", ""),
-        **{name: rng.random(n) for name in ("from_actions", "from_demonstrator", "from_label")},
+        **{name: rng.random(n) for name in ("from_actions", "from_label")},
     )
 
 

@@ -46,7 +46,7 @@ class Demonstrators:
     def note(self) -> str:
         """How the demonstrators are used, or why they are not, in one sentence; empty where they were not given."""
         if self.informative:
-            return "With answers, log-odds include evidence from the other demonstrations of the same demonstrator."
+            return "With answers, demonstrators are evidence as far as the answers bear it out."
         if not self.names:
             return ""
         if len(self.names) < len(self.index):

@@ -146,9 +146,8 @@ class RPIL(PolicyEstimator):
         labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, sequence of pairs, or path, optional
             Answers about demonstrations; a path is a file of them.
         demonstrators : mapping of id to name, or sequence of M names, or file or column of a `Recording`, optional
-            The demonstrator of each demonstration. Demonstrations of one demonstrator then change each other's
-            log-odds, see `rpil.mixture.demonstrator_prior`. A demonstration without a name has a demonstrator of its
-            own.
+            The demonstrator of each demonstration. With answers they are evidence, see `rpil.inference.answered`. A
+            demonstration without a name has a demonstrator of its own.
         outcome : mapping of id to number, or sequence of M numbers, or path or several, optional
             How each ended, such as its return; more is better, NaN is unknown. If all are 0 or 1, those with 0 are bad.
 

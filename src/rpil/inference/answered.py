@@ -3,7 +3,8 @@
 P(good) is that of a logistic regression on the columns of `rpil.inference.channels`, and of witnesses
 (`rpil.inference.witnesses`). w_0 says that those that agree are good: it is `by_ranking` on the first column, the
 ranking, and `by_group` on the last one, the group of scores. "i is better than j" is a row x_i - x_j, and "no
-difference" such a row both ways (Davidson 1970).
+difference" such a row both ways (Davidson 1970). Demonstrators are columns, too, which count as far as answers bear
+them out.
 
 Answers act as far as they predict each other: each is predicted by the others, and the log-odds are multiplied by how
 much more often than not they are right. docs/model.md has the formulas.
@@ -17,10 +18,13 @@ import numpy as np
 from scipy.constants import golden
 from scipy.special import expit, logit
 
+from rpil.data.fit_data import Demonstrators
 from rpil.inference.answers import Answers
 from rpil.inference.settings import AnswerSettings
 from rpil.inference.witnesses import Witnesses, is_contrast, regression, weigh
 from rpil.numerics.types import Array, Bool, Float, Int
+
+NOBODY = Demonstrators()
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +46,14 @@ class Answered:
 
 
 def answer(
-    columns: Float[Array, "M C"], answers: Answers, settings: AnswerSettings, copy_of: Int[Array, " M"]
+    columns: Float[Array, "M C"],
+    answers: Answers,
+    settings: AnswerSettings,
+    copy_of: Int[Array, " M"],
+    who: Demonstrators = NOBODY,
 ) -> Answered:
-    """P(good) of every demonstration, by its `columns`; `copy_of` is the first of the copies of each.
+    """P(good) of every demonstration, by its `columns` and by `who` gave it; `copy_of` is the first of the copies of
+    each.
 
     Each has the verdict of its label, or is bad where a flag says so; labels that other answers contradict are named.
     Others have a verdict once answers contrast and predict each other. Copies are judged as one demonstration, by what
@@ -52,7 +61,10 @@ def answer(
     """
     _, first, place = np.unique(copy_of, return_index=True, return_inverse=True)
     once = answers.once(copy_of)
-    rows, n_pairs = once.rows(columns[first])
+    columns = columns[first]
+    if who.informative:
+        columns = with_demonstrators(columns, once, who.index[first], settings.demonstrator_scale)
+    rows, n_pairs = once.rows(columns)
     evidence, total = once.evidence(logit(1 - settings.error)), once.evidence(logit(1 - settings.error))
     witnesses = weigh(rows, evidence, n_pairs, once.outcomes, settings)
     once = replace(once, heard=witnesses.heard)
@@ -74,6 +86,20 @@ def answer(
     doubtful = contradicting(once, right[: np.count_nonzero(once.labels)], settings)
     named = np.flatnonzero(np.isin(place, doubtful) & (answers.labels != 0))
     return Answered(log_odds, verdicts, named, once.count, bool(follows), witnesses)
+
+
+def with_demonstrators(
+    columns: Float[Array, "M C"], answers: Answers, index: Int[Array, " M"], scale: float
+) -> Float[Array, "M D"]:
+    """The `columns`, and before the last one those of the demonstrators with these numbers, times `scale`: the mean
+    ranking of the other demonstrations of the same one, and an indicator of each one who has two answers or more. So
+    what is said of one demonstration says nothing of its demonstrator."""
+    ranking = columns[:, 0] - columns[:, 0].mean()
+    n_others = np.maximum(np.bincount(index)[index] - 1, 1)
+    others = (np.bincount(index, ranking)[index] - ranking) / n_others
+    answered = np.unique(np.concatenate([np.flatnonzero(answers.labels), answers.compared.ravel()]))
+    indicators = index[:, None] == np.flatnonzero(np.bincount(index[answered]) > 1)
+    return np.column_stack([columns[:, :-1], scale * others, scale * indicators, columns[:, -1]])
 
 
 def predicted(

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import field
 
 from rpil.data.archive import NOT_STORED, check_settings, settings_record
-from rpil.mixture.settings import DemonstratorSettings
 from rpil.numerics.regression import ErrorSettings
 
 
@@ -127,6 +126,7 @@ class ChannelSettings:
 @settings_record(
     by_ranking="[0, inf)",
     by_group="[0, inf)",
+    demonstrator_scale="[0, inf)",
     sharpness="(0, inf)",
     min_trust="(0, 1)",
     min_proba="(0.5, 1)",
@@ -148,6 +148,8 @@ class AnswerSettings:
     """Prior precision of the weight of a column."""
     offset_precision: float = 0.25
     """Precision of the offset."""
+    demonstrator_scale: float = 1.4
+    """Scale of the columns of demonstrators; 0: they count for nothing."""
     error: float = 0.02
     """Rate of wrong answers."""
     prior_log_odds: float = 2.0
@@ -189,7 +191,6 @@ class JudgeSettings:
     parts: PartSettings = PartSettings()
     channels: ChannelSettings = ChannelSettings()
     answers: AnswerSettings = AnswerSettings()
-    demonstrators: DemonstratorSettings = DemonstratorSettings()
     variance_steps: float = 20.0
     """Steps that the variance pooled over demonstrations is worth in the variance of one demonstration's steps."""
     min_gain: float = 0.1

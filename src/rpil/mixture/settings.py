@@ -45,18 +45,3 @@ class MixtureSettings:
             as_prior(self.prior)
         if self.m_step not in get_args(MStep):
             raise DataError(f"There is no m_step {self.m_step!r}; choose {' or '.join(get_args(MStep))}.")
-
-
-@settings_record(spreads="[0, inf)", n_nodes="[2, inf)")
-class DemonstratorSettings:
-    """The random intercepts of demonstrators (`rpil.mixture.demonstrator_prior`)."""
-
-    spreads: tuple[float, ...] = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0)
-    """Values of tau, the standard deviation of the intercepts in nats, equally likely beforehand: from 0, where
-    demonstrators do not differ, to 8, where all demonstrations of one are alike. Chosen by hand, not tuned."""
-    n_nodes: int = 25
-    """Nodes of the grid of standardised intercepts."""
-    max_node: float = 3.0
-    """The last node, in standard deviations."""
-    max_log_ratio: float = 1e5
-    """Bound of the log-ratio of a demonstration, in nats."""

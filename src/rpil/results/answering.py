@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain, compress, repeat
+from itertools import chain, compress
 from typing import TypeVar
 
 import numpy as np
@@ -53,32 +53,24 @@ def with_answers(audit: A, known: Answers) -> A:
             return audit
         audit = replace(audit, answers=replace(audit.answers, marks=known.marks))
         return replace(audit, step_weight=weights_of(audit))
-    from rpil.mixture.demonstrator_prior import trust_by_demonstrator
-
-    found = answer(audit.columns, known, audit.settings.judge.answers, audit.copy_of)
-    known = replace(known, heard=found.witnesses.heard)
-    from_label = found.log_odds - audit.from_actions
     named = {name: one.name for one in audit.demonstrators for name in one.demonstrations}
     who = Demonstrators.from_names([named.get(name) for name in audit.ids]) if named else Demonstrators()
-    said, prior = known.shared(audit.copy_of).said, audit.settings.judge.demonstrators
-    from_demonstrator, trust = trust_by_demonstrator(who, found.log_odds, said, audit.copy_of, prior)
-    log_odds = audit.from_actions + from_demonstrator + from_label
-    verdicts = found.verdicts * (np.sign(log_odds) == found.verdicts)  # a demonstrator withdraws some, and gives none
+    found = answer(audit.columns, known, audit.settings.judge.answers, audit.copy_of, who)
+    known, log_odds, verdicts = replace(known, heard=found.witnesses.heard), found.log_odds, found.verdicts
     is_decided = known.once(audit.copy_of).contrast  # until then those that were outliers without answers stay so
-    stays = np.where(found.verdicts == 0, audit.claimed, 0) * (not is_decided)
+    stays = np.where(verdicts == 0, audit.claimed, 0) * (not is_decided)
     answered = replace(
         audit,
         finding="answered",
         anchor="answers",
         log_odds=log_odds,
-        from_demonstrator=from_demonstrator,
-        from_label=from_label,
+        from_label=log_odds - audit.from_actions,
         expert_proba=shown_proba(log_odds, verdicts, "answered", audit.settings.min_proba("answers")),
         verdicts=verdicts_of(verdicts, "answers", stays),
         prior=Interval(*expert_share_interval(expit(log_odds), 1.0)),
         identifiable=audit.identifiable or is_decided,
         competing=() if is_decided else audit.competing,
-        demonstrators=rank_demonstrators(who, trust, audit.ids),
+        demonstrators=rank_demonstrators(who, audit.ids, expit(log_odds)),
         answers=known,
         own_reasons=(),
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
@@ -225,13 +217,14 @@ def suggest_labels(audit: Judged, k: int = 3) -> tuple[Hashable, ...]:
 
 
 def rank_demonstrators(
-    demonstrators: Demonstrators, trust: Float[Array, "U 3"], ids: Sequence[Hashable]
+    demonstrators: Demonstrators, ids: Sequence[Hashable], proba: Float[Array, " M"] | None = None
 ) -> tuple[Demonstrator, ...]:
-    """The demonstrators with a name; `trust` holds the mean and the 95 % interval of each, and then the most trusted is
-    the first, or nothing."""
+    """The demonstrators with a name; with P(good) of each demonstration, their trust is the share of good ones, and the
+    most trusted is the first."""
     if not demonstrators.informative:
         return ()
-    members = [tuple(compress(ids, demonstrators.index == u)) for u in range(len(demonstrators.names))]
-    intervals = [Interval(*own) for own in trust.tolist()] or repeat(None)
-    named = (who for who in map(Demonstrator, demonstrators.names, intervals, members) if who.name is not None)
+    members = [demonstrators.index == u for u in range(len(demonstrators.names))]
+    trust = [None if proba is None else Interval(*expert_share_interval(proba[own], 1.0)) for own in members]
+    theirs = (tuple(compress(ids, own)) for own in members)
+    named = (who for who in map(Demonstrator, demonstrators.names, trust, theirs) if who.name is not None)
     return tuple(sorted(named, key=lambda who: -who.trust.mean if who.trust else 0.0))

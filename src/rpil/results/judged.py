@@ -86,7 +86,7 @@ class AuditSettings:
     min_label_log_odds: float = 20.0
     """Nats. A label raises the log-odds to at least this: as good as certain. Chosen by hand, not tuned."""
     judge: JudgeSettings = JudgeSettings()
-    """Settings of answers, of verdicts without answers, of steps and of demonstrators; a fit puts its own here."""
+    """Settings of answers, of verdicts without answers and of steps; a fit puts its own here."""
     weighs_for_learner: bool = True
     """Whether weights of steps are those of `RPIL`, or those for other trainings; a fit puts its own here."""
 
@@ -157,7 +157,6 @@ class Judged:
     finding: str
     log_odds: Float[Array, " M"] = field(metadata=OF_EACH)
     from_actions: Float[Array, " M"] = field(metadata=OF_EACH)
-    from_demonstrator: Float[Array, " M"] = field(metadata=OF_EACH)
     from_label: Float[Array, " M"] = field(metadata=OF_EACH)
     expert_proba: Float[Array, " M"] = field(metadata=PROBABILITY)
     reliability: Float[Array, " M"] = field(metadata=PROBABILITY)

@@ -23,7 +23,7 @@ from rpil.inference.channels import CHANNELS
 from rpil.numerics.regression import mean_ranks
 from rpil.numerics.types import Array, Float, Int
 from rpil.results.judged import Judged
-from rpil.results.vocabulary import SIDES, WORSE
+from rpil.results.vocabulary import WORSE
 
 MIN_STRETCH = 5.0
 """Nats against the policy of the trusted from which a stretch is named: 150 to one. No verdict depends on it."""
@@ -134,9 +134,6 @@ def _by_scores(audit: Judged, m: int, rank: int, group: str) -> str:
     if verdict == "open":
         looks = vocabulary.upper if log_odds > 0 else vocabulary.lower
         return f"Looks {looks} (place {len(audit.ids) - rank:,} of {len(audit.ids):,}); left open to be safe"
-    sign = 1 if SIDES[verdict] == "upper" else -1
-    if sign * audit.from_demonstrator[m] > sign * audit.from_actions[m]:
-        return "Judged by the other demonstrations of its operator"
     return f"Acts like the {verdict}" if audit.anchor == "named adversary" else DIFFERENT
 
 

@@ -41,9 +41,9 @@ class Audit(AuditResult):
         One of `rpil.inference.findings.FINDINGS`.
     log_odds : (M,) array
         The score, log P - log(1 - P) with the probability that `vocabulary` names: larger for demonstrations that are
-        more like the others, or better by the answers. It is the sum of the next three.
-    from_actions, from_demonstrator, from_label : (M,) arrays
-        Parts of the score: from its own actions, from the other demonstrations of its demonstrator, from its label.
+        more like the others, or better by the answers. It is the sum of the next two.
+    from_actions, from_label : (M,) arrays
+        Parts of the score: from its own actions, and from answers.
     expert_proba : (M,) array
         The probability that `vocabulary` explains: ``sigmoid(log_odds)`` with a verdict or a named adversary. For an
         open demonstration it stays within the limits of verdicts, or is 0.5 if the finding gives no verdicts.

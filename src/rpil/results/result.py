@@ -49,7 +49,7 @@ class AuditResult(Judged):
     @property
     def evidence(self) -> dict[str, Float[Array, " M"]]:
         """The parts of `log_odds` by name, in nats."""
-        return {"actions": self.from_actions, "demonstrator": self.from_demonstrator, "label": self.from_label}
+        return {"actions": self.from_actions, "label": self.from_label}
 
     @cached_property
     def reasons(self) -> tuple[str, ...]:
