@@ -213,7 +213,6 @@ KINDS: dict[str, Kind] = {
     ),
     "action early": Kind(_rows(lambda e, n: np.column_stack([e[:-1, :n], e[1:, n:]])), (1,), "step", "lag"),
     "never moves": Kind(_column("never moves", lambda x, *_: np.full_like(x, x[0])), (1,), "column", "never moves"),
-    "frame rate": Kind(_rows(lambda e, n: e[::2]), (0.5,), "times the rate", "frame rate"),
 }
 
 

@@ -35,7 +35,7 @@ HALVES = ("chosen", "held out")
 MARK, END = "<!-- measured, by benchmarks/faults.py -->", "<!-- end -->"
 OUTSIDE = "<!-- outside robots, by benchmarks/faults.py -->"
 SHARE, SEED, NOISES = 0.1, 0, (0.0,)  # so many of the demonstrations have the fault; noise of copies
-ABLATED = ["sign", "offset", "frame rate", "lag", "never moves"]
+ABLATED = ["sign", "offset", "lag", "never moves"]
 
 
 def half(name: str) -> str:

@@ -7,10 +7,10 @@ import pytest
 
 from recordings import demonstrations, recording
 from rpil.faults.checking import check
-from rpil.faults.motion import ActionIsState, CommandAgainstState, CommandRule, Exchanged, Scale
+from rpil.faults.motion import ActionIsState, CommandAgainstState, CommandRule, Exchanged
 from rpil.faults.rule import Measurements, Rule
 from rpil.faults.tracking import Tracked
-from rpil.faults.whole_rules import FrameRate, OtherLag
+from rpil.faults.whole_rules import OtherLag
 
 CLEAN = [(np.c_[x, 40 * x[:, :1] ** 2], np.c_[a, 40 * a[:, :1] ** 2]) for x, a in recording(12, joints=5)]
 RULES = {"action is state", "exchanged", "offset", "sign", "scale", "lag"}
@@ -86,19 +86,18 @@ def left(of, rest=0.9):
 
 M = 8
 USUAL = {"slope": 1, "share": 1, "best": 0, "mine": 0.01, "other": 1, "low": 0, "gap": 0, "high": 0}
-USUAL |= {"delay": 1, "left": left({2: 0.01}), "change": 1}
+USUAL |= {"left": left({2: 0.01})}
 
 
 def commands(rule, many=1, both=False, fits=True, lag=2, **odd):
     """A rule about commands, c2 and c3, of c0 and c1: c2, or both, are odd in the first `many` of eight."""
     rows = np.arange(M)[:, None] < many
     each = {name: [True] if name == "left" else [True, both] for name in USUAL}
-    *own, delay, rest, change = (np.where(rows & each[k], odd.get(k, usual), 1.0 * usual) for k, usual in USUAL.items())
+    *own, rest = (np.where(rows & each[k], odd.get(k, usual), 1.0 * usual) for k, usual in USUAL.items())
     tracked = Tracked(np.array([2, 3]), np.array([0, 1]), np.ones(2), np.full(2, fits), lag, True)
     columns = SimpleNamespace(names=("c0", "c1", "c2", "c3"), spread=np.ones(4))
     learned = SimpleNamespace(columns=columns, pairs=(), tracked=tracked)
-    every = {CommandRule.measure: (*own, delay[:, 0], rest), OtherLag.measure: ((), ())}
-    every |= {Scale.measure: (None, change[:, [0] * 4])}
+    every = {CommandRule.measure: (*own, rest), OtherLag.measure: ((), ())}
     return rule(Measurements(learned, every, tuple(range(M)), np.full(M, 100), None))
 
 
@@ -151,12 +150,6 @@ BOTH = {"both": True}
     [
         *((OtherLag, {"left": left(of), "many": n}, expected) for of, n, expected in LAGS),
         (OtherLag, {"left": left({5: 0.01}), "lag": 0}, None),  # most are at fault
-        (FrameRate, {"delay": 0.5, "change": 1.4}, (1.4 * 1.6 / 1.3, 1.4 / 1.3)),
-        (FrameRate, {"delay": 1 / 3, "change": 4}, (3, 3 / 1.6)),
-        (FrameRate, {"delay": 0.33, "change": 4}, None),
-        (FrameRate, {"delay": 0.5, "change": 2, "left": left({2: 0.3})}, None),
-        (FrameRate, {"delay": 0.5, "change": 2, "many": 2}, (2, 1.25)),
-        (FrameRate, {"delay": 0.5, "change": 2, "lag": 0}, "unknown"),
         (ActionIsState, {"left": left({0: 0.044})}, (0.044 / 0.9, 0.05 / (0.044 / 0.9))),
         (ActionIsState, {"left": left({0: 0.0})}, (0, 1e6)),
         *((ActionIsState, {"left": left({0: 0.044} | of)}, None) for of in ({1: 0.8}, {-1: 0.8}, {0: 0.0, 1: 0.0})),

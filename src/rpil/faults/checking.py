@@ -143,9 +143,9 @@ def _check_steps(
     if not times.frames:
         why[recorded.FrameCount.name] = "the recording does not say how many frames there should be"
     if times.timestamps is None:
-        why[recorded.DroppedFrames.name] = "the recording has no timestamps"
+        why |= dict.fromkeys(recorded.BY_CLOCK, "the recording has no timestamps")
     elif not seconds:
-        why[recorded.DroppedFrames.name] = "the timestamps are coarser than the frames; give fps, or --fps"
+        why |= dict.fromkeys(recorded.BY_CLOCK, "the timestamps are coarser than the frames; give fps, or --fps")
     unknown, usual = dict[str, tuple[str, ...]](), dict[str, str]()
     idle_ends = dict[Id, tuple[int, int]]()
     if not kept.any() or (missing and not skip_bad):

@@ -232,7 +232,7 @@ class CommandRule(ComparingRule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """Result of `relation` for each demonstration, (M, P); three quantiles of the distance of each action from its
-        state, (M, P); the steps that states need for the distance, (M,); and `misfits`."""
+        state, (M, P); and `misfits`."""
         pairs, gaps, turn = learned.tracked, [], block.turn[learned.tracked.action]
         parts = [*parts_of(block, pairs)]
         for actions, states in parts:
@@ -243,13 +243,7 @@ class CommandRule(ComparingRule):
         gap = np.moveaxis(np.array(gaps), 2, 0)
         gap -= turn * np.rint(gap[1] / np.where(turn > 0, turn, np.inf))
         left = misfits(block, pairs) if pairs.fits.any() else np.ones((len(gaps), 2 * settings.MAX_SHIFT + 1))
-        own, of = pairs.state[pairs.fits], pairs.action[pairs.fits]
-        scale = block.columns.scale[own]  # with leaps as large as ten usual changes at most
-        apart = block.values[of]
-        apart -= block.values[own]
-        sizes = np.abs(apart, out=apart), np.minimum(block.size[own], 10.0 * scale[:, None])
-        far, step = (np.add.reduceat((1.0 / scale) @ x, block.offsets[:-1]) for x in sizes)
-        return *relation(parts, pairs.is_command), *gap, far / np.maximum(step, 1e-300), left
+        return *relation(parts, pairs.is_command), *gap, left
 
 
 class ActionIsState(CommandRule):

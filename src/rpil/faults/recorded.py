@@ -65,6 +65,14 @@ class DroppedFrames(Rule):
     name, words = "dropped frames", "the time between two frames is too long"
 
 
+class FrameRate(Rule):
+    name, words = "frame rate", "its frames come at another rate"
+
+
+BY_CLOCK = DroppedFrames.name, FrameRate.name
+"""Rules that need timestamps."""
+
+
 def recorded_time(times: Times, demonstrations: DemonstrationSet) -> float | None:
     """Seconds between two frames by the timestamps; None where there are none, or all are coarser than the frames."""
     steps, tick = _steps(times, demonstrations)
@@ -137,7 +145,7 @@ def _find_rates(mean: Array, limit: float, demonstrations: DemonstrationSet, usu
         time, threshold = 1e3 * usual * mean[m], 1e3 * usual * middle
         sentence = f"a frame comes every {time:.4g} ms, and in the others every {threshold:.4g} ms"
         place = 0, int(lengths[m]) - 1, ""
-        yield Fault("frame rate", demonstrations.ids[m], *place, time, threshold, float(off[m] / least[m]), sentence)
+        yield Fault(FrameRate.name, demonstrations.ids[m], *place, time, threshold, float(off[m] / least[m]), sentence)
 
 
 def _rules(*lines: str) -> tuple[type[Rule], ...]:

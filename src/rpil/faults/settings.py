@@ -93,7 +93,6 @@ APPROACH = 4  # steps before a leap in which it came nearer, in most of the leap
 
 # Whole demonstrations
 LENGTH_FACTOR = 2.0  # * times the usual length, or its inverse
-PACE, OTHER_SPEED, MOST_PACE = 1.6, 1.3, 3.0  # times as far in a step by the same action; and at all; at most
 SCALE_FACTOR = 12.0  # * times the usual level and the usual change of a column, or their inverse
 NEIGHBOUR_ROWS = 1_024  # points whose distances to all others are in memory together
 PARTS = 8  # of time, whose means are compared

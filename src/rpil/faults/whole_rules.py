@@ -11,7 +11,7 @@ from rpil.data.copies import Copies, digests
 from rpil.data.text import counted, duration
 from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock
-from rpil.faults.motion import CommandRule, Scale
+from rpil.faults.motion import CommandRule
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, Measurements, Rule, above
 from rpil.faults.still import few, idle_runs
 from rpil.faults.tracking import shifts
@@ -114,25 +114,6 @@ class Sign(ComparingRule):
         is_usual = np.median(agreement, axis=0) > settings.OPPOSITE * usual
         are_few = (severity > 1).sum(axis=0) <= few(len(severity))
         return agreement, 0.0, np.where(is_usual & are_few, severity, np.nan)
-
-
-class FrameRate(CommandRule):
-    name, words = "frame rate", "its frames come at another rate, or it moves as far in one step as others in two"
-    sentence = "its states go {value:.2g} times as far in a step by the same action: perhaps steps are missing"
-    needs = ("commands", "several")
-
-    def compare(self) -> Compared:
-        (delay, left), tracked = self.measured[8:], self.data.learned.tracked
-        if not tracked.is_command or tracked.lag <= 0:
-            return np.ones(len(left)), 1.0, np.full(len(left), np.nan)
-        change = self.data.measured[Scale.measure][1]  # which another lag leaves as it is
-        speed = np.median(change / np.maximum(np.median(change, axis=0), 1e-300), axis=1)
-        pace = np.median(delay) / np.maximum(delay, 1e-300)
-        pace = np.minimum(pace, settings.PACE / settings.OTHER_SPEED * speed)
-        value, limit, severity = above(pace, float(self.fence(np.clip(pace, 0.1, 10.0), settings.PACE, 0.0)))
-        is_known = (left.min(axis=1) < settings.LAG_FITS) & (pace <= settings.MOST_PACE)
-        are_few = (is_known & (severity > 1)).sum() <= few(len(pace))
-        return value, limit, np.where(is_known, severity, 0.0) if are_few else np.full(len(pace), np.nan)
 
 
 class Duplicate(Rule):
