@@ -14,7 +14,6 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided, sliding_window_view
 
 from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock, part_means
@@ -296,34 +295,21 @@ def misfits(block: MovingBlock, pairs: Tracked) -> Float[Array, "M K"]:
     """Share of the variance of the actions that is left where the states are taken later by -L to L steps, over all
     pairs, each in its usual spread; infinite at a lag, but none, where fewer than three steps are compared."""
     fits = np.flatnonzero(pairs.fits)[: settings.LAG_PAIRS]
-    own, n, lengths, far = pairs.action[fits], len(fits), np.diff(block.offsets), settings.MAX_SHIFT
-    spread, width = block.columns.spread[own, None], 3 * far
-    # One demonstration after the other in parts of `width` steps, with L zeros or more between; and sums of squares.
-    parts = -(-(lengths + far) // width)
-    heads = np.cumsum(parts) - parts
-    begins = heads * width + far
-    both = np.zeros((2, n + 1, parts.sum() * width + 2 * far))
-    series = block.values[own] / spread, block.values[pairs.state[fits]] * (pairs.slope[fits, None] / spread)
-    for out, values in zip(both, series, strict=True):
-        mean = np.add.reduceat(values, block.offsets[:-1], axis=1) / lengths
-        for m, (a, b) in enumerate(itertools.pairwise(block.offsets.tolist())):
-            np.subtract(values[:, a:b], mean[:, m, None], out=out[:n, begins[m] : begins[m] + b - a])
-    np.einsum("kpt,kpt->kt", both[:, :n], both[:, :n], out=both[:, n])
-    # The products of all steps of a part with all that are near, which have those of each lag on a diagonal.
-    near = sliding_window_view(both[1, :n], width + 2 * far, axis=1)[:, ::width].transpose(1, 0, 2)
-    every = both[0, :n, far:-far].reshape(n, -1, width).transpose(1, 2, 0) @ near
-    down, right = every.strides[1:]
-    shape, strides = (len(every), width, 2 * far + 1), (every.strides[0], down + right, right)
-    products = np.add.reduceat(as_strided(every, shape, strides).sum(axis=1), heads)
-    # Less what is not compared at a lag: the first steps of the one, and the last steps of the other.
-    steps, nothing = np.arange(far), np.zeros((n + 1, len(parts), 1))
-    ends = (begins[:, None] + steps, (begins + lengths - 1)[:, None] - steps)
-    first, last = (np.cumsum(both[:, :, at], axis=-1) for at in ends)
-    a, s = (np.concatenate([x[..., ::-1], nothing, y], 2) for x, y in ((first[0], last[0]), (last[1], first[1])))
-    power, other = np.add.reduceat(both[:, n], begins, axis=1)
-    lags = np.abs(np.arange(-far, far + 1))
-    compared = np.maximum(lengths[:, None] - lags, 1)
-    left = (power + other)[:, None] - a[n] - s[n] - 2.0 * products
-    left = left / compared - (((a - s)[:n] / compared) ** 2).sum(axis=0)
-    left = np.maximum(left, 0.0) / np.maximum(power / lengths, 1e-12)[:, None]
-    return np.where((compared >= 3) | (lags == 0), left, np.inf)
+    own, offsets, far = pairs.action[fits], block.offsets, settings.MAX_SHIFT
+    begins, lengths, spread = offsets[:-1], np.diff(offsets), block.columns.spread[own, None]
+    actions = centred(block.values[own] / spread, offsets)
+    states = centred(block.values[pairs.state[fits]] * (pairs.slope[fits, None] / spread), offsets)
+    power = np.add.reduceat(np.einsum("pt,pt->t", actions, actions), begins) / lengths
+    to_end = np.repeat(offsets[1:], lengths) - np.arange(offsets[-1])  # steps, with the step itself
+    left, apart = np.full((len(lengths), 2 * far + 1), np.inf), np.empty_like(actions)
+    for lag in range(-far, far + 1):
+        n, (first, later) = abs(lag), (actions, states) if lag >= 0 else (states, actions)
+        rows = max(len(to_end) - n, 0)
+        np.subtract(first[:, :rows], later[:, n:], out=apart[:, :rows])
+        apart[:, to_end <= n] = 0.0  # what is later there belongs to the next demonstration
+        compared = np.maximum(lengths - n, 1)
+        squares = np.add.reduceat(np.einsum("pt,pt->t", apart, apart), begins) / compared
+        means = np.add.reduceat(apart, begins, axis=1) / compared
+        is_known = (compared >= 3) | (lag == 0)
+        left[is_known, lag + far] = (squares - (means**2).sum(axis=0))[is_known]
+    return np.asarray(np.maximum(left, 0.0) / np.maximum(power, 1e-12)[:, None])
