@@ -52,14 +52,11 @@ class Spike(Leap):
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """With changes d_t to step t, the largest max(0, min(|d_t|, |d_t+1|) - max(|d_t-1|, |d_t+2|)) where d_t and
         d_t+1 have opposite signs; its step, t; and the largest change."""
-        size, apart, (one, other) = block.size, np.zeros_like(block.size), np.zeros((2, block.size.shape[1]))
-        one, other = one[1:-1], other[1:-1]
-        for change, own, middle in zip(block.change, size, apart[:, 1:-1], strict=True):
-            np.negative(np.minimum(change[1:-1], change[2:], out=one), out=one)
-            np.minimum(one, np.maximum(change[1:-1], change[2:], out=other), out=one)  # below 0 of one sign
-            np.maximum(own[:-3], own[3:], out=other[:-1])
-            other[-1:] = own[-3:-2]
-            np.maximum(np.subtract(one, other, out=one), 0.0, out=middle)
+        change, size, apart = block.change, block.size, np.zeros_like(block.size)
+        for own, far, middle in zip(change, size, apart[:, 1:-1], strict=True):  # each stays in the cache
+            is_back = (own[1:-1] < 0) != (own[2:] < 0)
+            around = np.maximum(far[:-2], np.append(far[3:], 0.0))
+            middle[:] = np.maximum(np.minimum(far[1:-1], far[2:]) - around, 0.0) * is_back
         spike, step = largest(apart, block.offsets)
         others = (next_largest(values, step, block.offsets) for values in (apart, size))
         return spike, step, block.largest, *others
