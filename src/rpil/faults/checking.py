@@ -79,8 +79,7 @@ def check(
         recording = cast("Recording | Demonstrations | Dataset", data) if is_open else opened(data, options)
     except DataError as error:
         return of_files(data, error, str(error))
-    times = _times_of(recording, times, fps)
-    demonstrations = _with_missing(recording) if isinstance(recording, Recording) else recording
+    demonstrations, times, groups = _opened(recording, times, fps)
     there, known = recording.ids, dict[str, set[str]]()
     for rule, names in (expected or {}).items():
         texts = {*map(str, names if isinstance(names, Collection) and not isinstance(names, str) else [names])}
@@ -93,9 +92,6 @@ def check(
     beside, why = _check_files(recording, demonstrations, video)
     if isinstance(recording, Recording) and recording.options.segment is not None:
         why[Length.name] = "--segment ends demonstrations by the clock"
-    groups: dict[str, dict[str, str]] = {}
-    if isinstance(recording, Recording):
-        groups = {"task": recording.tasks, "operator": {name: str(of) for name, of in recording.operators}}
     report = _check_steps(demonstrations, times, skip_bad, why, groups)
     if recorded.TIMESTAMPS not in {found.rule for found in beside}:
         beside += recorded.find_other_rate(times, demonstrations)
@@ -169,21 +165,21 @@ def _check_steps(
     return FaultReport(found, why, unknown, usual, idle_ends, len(demonstrations), demonstrations.n_steps, left_out)
 
 
-def _times_of(recording: Recording | Demonstrations | Dataset, times: Times | None, fps: float | None) -> Times:
-    """The times that are given, or else those of the recording; what the user says of the frames a second is first."""
+def _opened(
+    recording: Recording | Demonstrations | Dataset, times: Times | None, fps: float | None
+) -> tuple[Demonstrations | Dataset, Times, Grouping]:
+    """The demonstrations, where some values may be missing: these are reported, and not learned from later; their times
+    and frames a second, those that are given, or else those of the recording; and the groups in which it has them."""
     fps = fps or (times.fps if times else None)
     if not isinstance(recording, Recording):
-        return replace(times or Times(), fps=fps)
-    times = times or recording.times()
-    return replace(times, fps=fps or recording.description.fps or times.fps)
-
-
-def _with_missing(recording: Recording) -> Demonstrations | Dataset:
-    """The demonstrations, where some values may be missing: these are reported, and not learned from later."""
+        return recording, replace(times or Times(), fps=fps), {}
     try:
-        return recording.demonstrations
+        demonstrations = recording.demonstrations
     except DataError:
-        return recording.load(replace(recording.options, allow_missing=True))
+        demonstrations = recording.load(replace(recording.options, allow_missing=True))
+    times = times or recording.times()
+    groups = {"task": recording.tasks, "operator": {name: str(of) for name, of in recording.operators}}
+    return demonstrations, replace(times, fps=fps or recording.description.fps or times.fps), groups
 
 
 def _measure(

@@ -186,7 +186,7 @@ class Conventions(ComparingRule):
         once that is undone, and some that move are so as they are."""
         profile, pairs, columns = self.measured[0], self.data.learned.tracked, self.columns
         parts = profile[rows], profile[~rows]
-        part, rest = ((p.mean(axis=0), p.var(axis=0) / len(p), motion_of(p), path_of(p)) for p in parts)
+        part, rest = ((p.mean(axis=0), p.var(axis=0) / len(p), *motion_of(p)) for p in parts)
         found, alike, moves = undone(part, rest, columns)
         home = self.home_differs(rows)
         found = {c: way for c, way in found.items() if way[0] not in ("sign", "turned") or home[c]}
@@ -267,15 +267,11 @@ def undone(
     return found, alike, moves
 
 
-def motion_of(profile: Float[Array, "M K C"]) -> Float[Array, " C"]:
-    """How far each column goes in the median demonstration."""
-    return np.asarray(np.median(np.ptp(profile, axis=1), axis=0))
-
-
-def path_of(profile: Float[Array, "M K C"]) -> Float[Array, " C"]:
-    """How far each column goes in the median demonstration, there and back, without its largest change."""
+def motion_of(profile: Float[Array, "M K C"]) -> tuple[Float[Array, " C"], Float[Array, " C"]]:
+    """How far each column goes in the median demonstration; and there and back, without its largest change."""
     changes = np.abs(np.diff(profile, axis=1))
-    return np.asarray(np.median(changes.sum(axis=1) - changes.max(axis=1), axis=0))
+    ways = np.ptp(profile, axis=1), changes.sum(axis=1) - changes.max(axis=1)
+    return np.median(ways[0], axis=0), np.median(ways[1], axis=0)
 
 
 def two_groups(values: Float[Array, "M F"]) -> Iterator[Bool[Array, " M"]]:
