@@ -298,7 +298,7 @@ def misfits(block: MovingBlock, pairs: Tracked) -> Float[Array, "M K"]:
     own, offsets, far = pairs.action[fits], block.offsets, settings.MAX_SHIFT
     begins, lengths, spread = offsets[:-1], np.diff(offsets), block.columns.spread[own, None]
     actions = centred(block.values[own] / spread, offsets)
-    states = centred(block.values[pairs.state[fits]] * (pairs.slope[fits, None] / spread), offsets)
+    states = centred(block.values[pairs.state[fits]] * pairs.slope[fits, None] / spread, offsets)
     power = np.add.reduceat(np.einsum("pt,pt->t", actions, actions), begins) / lengths
     to_end = np.repeat(offsets[1:], lengths) - np.arange(offsets[-1])  # steps, with the step itself
     left, apart = np.full((len(lengths), 2 * far + 1), np.inf), np.empty_like(actions)
