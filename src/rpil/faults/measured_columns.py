@@ -75,34 +75,28 @@ class MovingBlock:
     def of(cls, block: Block, numbers: Int[Array, " M"], columns: MeasuredColumns) -> MovingBlock:
         """The columns that are compared, of a block; angles that wrap go on beyond a turn."""
         values, offsets = columns.of(block), block.offsets
-        begins, n_states, many = offsets[:-1], int((~columns.is_action).sum()), max(len(values), 1)
-        change, size = np.empty_like(values), np.empty_like(values)
-        low, high, largest = np.empty((3, len(values), len(begins)))
-        turn, leaps = np.zeros(len(values)), np.zeros((len(values), len(begins)), dtype=int)
-        motion, of_states, growth, product, relative = np.zeros((5, values.shape[1]))
-        for c, (own, moved, far) in enumerate(zip(values, change, size, strict=True)):  # each stays in the cache
-            np.subtract(own[1:], own[:-1], out=moved[1:])
-            moved[begins] = 0.0
-            np.abs(moved, out=far)
-            if far.max() >= settings.NEAR_TURN * min(settings.TURNS) and (turn_of := _turn(own, moved, far)):
-                turn[c], leap = turn_of, np.rint(moved / turn_of)
+        begins, lengths, is_state = offsets[:-1], np.diff(offsets), ~columns.is_action
+        change, turn = np.empty_like(values), np.zeros(len(values))
+        np.subtract(values[:, 1:], values[:, :-1], out=change[:, 1:])
+        change[:, begins] = 0.0
+        size, leaps = np.abs(change), np.zeros((len(values), len(begins)), dtype=int)
+        for c in np.flatnonzero(size.max(axis=1) >= settings.NEAR_TURN * min(settings.TURNS)).tolist():
+            if turn_of := _turn(values[c], change[c], size[c]):
+                turn[c], leap = turn_of, np.rint(change[c] / turn_of)
                 leaps[c] = np.add.reduceat(leap != 0, begins)
-                moved -= turn_of * leap
-                np.abs(moved, out=far)
-                turned = np.add.accumulate(leap)
-                own -= turn_of * (turned - np.repeat(turned[begins], np.diff(offsets)))
-            for of, x, out in (np.minimum, own, low), (np.maximum, own, high), (np.maximum, far, largest):
-                of.reduceat(x, begins, out=out[c])
-            np.divide(far, columns.scale[c], out=relative)
-            # The mean of logarithms, which no single column makes large; of products of eight, which are faster.
-            grown = np.minimum(relative + 1.0, 1e36)
-            product = grown if c % 8 == 0 else np.multiply(product, grown, out=product)
-            growth += np.log(product) if c % 8 == 7 or c == many - 1 else 0.0
-            motion += np.minimum(relative, 3.0, out=relative)
-            if c == n_states - 1:
-                of_states = motion / n_states
-        moves = (motion := motion / many) > settings.IDLE_MOTION * columns.motion
-        found = low.T, high.T, largest.T, motion, of_states, growth / many, moves, turn, leaps.T
+                change[c] -= turn_of * leap
+                size[c] = np.abs(change[c])
+                turned = np.cumsum(leap)
+                values[c] -= turn_of * (turned - np.repeat(turned[begins], lengths))
+        low, high = (of.reduceat(values, begins, axis=1).T for of in (np.minimum, np.maximum))
+        largest = np.maximum.reduceat(size, begins, axis=1).T
+        relative, n = size / columns.scale[:, None], max(len(values), 1)
+        # The mean of logarithms, which no single column makes large.
+        growth = sum((np.log(own + 1.0) for own in relative), np.zeros(values.shape[1])) / n
+        np.minimum(relative, 3.0, out=relative)
+        of_states, motion = relative[is_state].sum(axis=0) / max(is_state.sum(), 1), relative.sum(axis=0) / n
+        moves = motion > settings.IDLE_MOTION * columns.motion
+        found = low, high, largest, motion, of_states, growth, moves, turn, leaps.T
         return cls(block, numbers, offsets, columns, values, change, size, *found)
 
 

@@ -53,10 +53,10 @@ class Spike(Leap):
         """With changes d_t to step t, the largest max(0, min(|d_t|, |d_t+1|) - max(|d_t-1|, |d_t+2|)) where d_t and
         d_t+1 have opposite signs; its step, t; and the largest change."""
         change, size, apart = block.change, block.size, np.zeros_like(block.size)
-        for own, far, middle in zip(change, size, apart[:, 1:-1], strict=True):  # each stays in the cache
-            is_back = (own[1:-1] < 0) != (own[2:] < 0)
-            around = np.maximum(far[:-2], np.append(far[3:], 0.0))
-            middle[:] = np.maximum(np.minimum(far[1:-1], far[2:]) - around, 0.0) * is_back
+        is_back, around = (change[:, 1:-1] < 0) != (change[:, 2:] < 0), size[:, :-2].copy()
+        np.maximum(around[:, :-1], size[:, 3:], out=around[:, :-1])
+        far = np.minimum(size[:, 1:-1], size[:, 2:])
+        apart[:, 1:-1] = np.where(is_back & (far > around), far - around, 0.0)
         spike, step = largest(apart, block.offsets)
         others = (next_largest(values, step, block.offsets) for values in (apart, size))
         return spike, step, block.largest, *others
@@ -73,10 +73,8 @@ class Jump(Leap):
         """With changes d_t to step t, the largest |d_t| - max(|d_t-1|, |d_t+1|) where |d_t| is twice as large as both;
         its step, t; and the largest change."""
         size, offsets, jump = block.size, block.offsets, np.zeros_like(block.size)
-        for own, middle in zip(size, jump[:, 1:-1], strict=True):
-            around = np.maximum(own[:-2], own[2:])
-            np.subtract(own[1:-1], around, out=middle)
-            middle *= middle > around
+        around = np.maximum(size[:, :-2], size[:, 2:])
+        jump[:, 1:-1] = np.where(size[:, 1:-1] > 2.0 * around, size[:, 1:-1] - around, 0.0)
         jump[:, offsets[:-1] + np.minimum(np.diff(offsets) - 1, 1)] = 0.0  # nothing tells how it moved before
         jump[:, offsets[1:] - 1] = 0.0
         top, step = largest(jump, offsets)
