@@ -10,7 +10,7 @@ from recordings import demonstrations, recording
 from rpil.data.demonstrations import Block
 from rpil.faults import measured_columns, settings, tracking
 from rpil.faults.checking import check
-from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, means, pilot
+from rpil.faults.measured_columns import MeasuredColumns, MovingBlock, column_labels, learn_columns, part_means, pilot
 from rpil.faults.motion import Jump, Spike
 from rpil.faults.rule import Learned
 from rpil.faults.still import largest
@@ -27,7 +27,7 @@ def each(values):
 
 def test_sums_and_tops_of_each_demonstration():
     values = RNG.integers(0, 3, size=(4, OFFSETS[-1])).astype(float)
-    np.testing.assert_allclose(means(values, OFFSETS), [part.mean(axis=1) for part in each(values)])
+    np.testing.assert_allclose(part_means(values, OFFSETS)[:, 0], [part.mean(axis=1) for part in each(values)])
     top, step = largest(values, OFFSETS)
     np.testing.assert_array_equal(top, [part.max(axis=1) for part in each(values)])
     np.testing.assert_array_equal(step, [part.argmax(axis=1) for part in each(values)])

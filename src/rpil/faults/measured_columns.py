@@ -7,7 +7,7 @@ from 0 to T, and results are (M, C).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import repeat
 
@@ -167,8 +167,9 @@ def learn_columns(sample: Block, numbers: Int[Array, " M"], labels: tuple[str, .
     everything = all_values(sample).T
     compared = (*range(width), *range(n_observations, len(everything)))
     number = np.array([k for k in compared if _is_measurement(everything[k])], dtype=np.int64)
-    ends = (of.reduceat(everything[number], sample.offsets[:-1], axis=1) for of in (np.maximum, np.minimum))
-    zeros = means((everything[k] == 0 for k in number), sample.offsets)
+    everything = everything[number]
+    ends = (of.reduceat(everything, sample.offsets[:-1], axis=1) for of in (np.maximum, np.minimum))
+    zeros = part_means(everything == 0, sample.offsets)[:, 0]
     recorded = np.asarray(~not_recorded(np.subtract(*ends).T, zeros).any(axis=1))
     if recorded.mean() >= settings.MOST_ABSENT:
         sample, numbers = _chosen(sample, recorded), numbers[recorded]
@@ -265,14 +266,8 @@ def _is_measurement(column: Array) -> bool:
     return not is_byte and not (low >= 0 and high <= 1 and np.allclose(in_parts, np.rint(in_parts), atol=1e-4))
 
 
-def part_means(values: Float[Array, "C T"], offsets: Int[Array, " _"], n: int) -> Float[Array, "M K C"]:
-    """Means over `n` parts of each demonstration, one after the other in time."""
+def part_means(values: Shaped[Array, "C T"], offsets: Int[Array, " _"], n: int = 1) -> Float[Array, "M K C"]:
+    """Means over `n` parts of each demonstration, one after the other in time; over all of its steps, as one part."""
     firsts = offsets[:-1, None] + (np.arange(n) * np.diff(offsets)[:, None]) // n
     widths = np.maximum(np.diff(firsts, append=offsets[1:, None]).ravel(), 1)
     return np.ascontiguousarray((np.add.reduceat(values, firsts.ravel(), axis=1) / widths).T).reshape(*firsts.shape, -1)
-
-
-def means(columns: Iterable[Shaped[Array, " T"]], offsets: Int[Array, " _"]) -> Float[Array, "M C"]:
-    """Mean over the steps of each demonstration."""
-    sums = np.array([np.add.reduceat(own, offsets[:-1]) for own in columns]).reshape(-1, len(offsets) - 1)
-    return np.asarray((sums / np.diff(offsets)).T)

@@ -9,7 +9,7 @@ import numpy as np
 
 from rpil.data.text import counted
 from rpil.faults import settings
-from rpil.faults.measured_columns import MovingBlock, means
+from rpil.faults.measured_columns import MovingBlock, part_means
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
 from rpil.faults.still import largest, next_largest
 from rpil.faults.tracking import misfits, parts_of, relation
@@ -173,7 +173,7 @@ class Scale(ComparingRule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """Mean size of a value, and of a change."""
-        return means(map(np.abs, block.values), block.offsets), means(block.size, block.offsets)
+        return part_means(np.abs(block.values), block.offsets)[:, 0], part_means(block.size, block.offsets)[:, 0]
 
     def compare(self) -> Compared:
         columns, self.names = self.columns, self.columns.names

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from rpil.faults import settings
-from rpil.faults.measured_columns import MovingBlock, means, not_recorded
+from rpil.faults.measured_columns import MovingBlock, not_recorded, part_means
 from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
 from rpil.numerics.types import Array, Bool, Float, Int
 
@@ -124,7 +124,7 @@ class NeverMoves(ComparingRule):
     @staticmethod
     def measure(block: MovingBlock, learned: Learned) -> tuple[Array, ...]:
         """The range of each column, and the share of its steps in which it is 0."""
-        return block.high - block.low, means((own == 0 for own in block.values), block.offsets)
+        return block.high - block.low, part_means(block.values == 0, block.offsets)[:, 0]
 
     def compare(self) -> Compared:
         ranges, zeros = self.measured
