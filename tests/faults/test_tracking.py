@@ -49,8 +49,9 @@ def test_a_relation_is_a_slope_a_correlation_and_the_better_partner():
         np.testing.assert_allclose(other, (left + np.diag([np.inf] * 3)).min(axis=1))
 
 
-def test_misfits_are_what_is_left_of_commands_at_each_lag():
-    rng, offsets, fits = np.random.default_rng(0), np.cumsum([0, 70, 9, 1, 13, 4, 31]), np.arange(20) != 1
+@pytest.mark.parametrize("lengths", [[70, 9, 1, 13, 4, 31], [5, 3]])
+def test_misfits_are_what_is_left_of_commands_at_each_lag(lengths):
+    rng, offsets, fits = np.random.default_rng(0), np.cumsum([0, *lengths]), np.arange(20) != 1
     values, spread, slope = rng.normal(size=(40, offsets[-1])), rng.uniform(1, 2, 40), rng.normal(size=20)
     values[20:] += np.roll(values[:20], -2, axis=1) * 3 + 5
     block = SimpleNamespace(values=values, offsets=offsets, columns=SimpleNamespace(spread=spread))
