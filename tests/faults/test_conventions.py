@@ -10,7 +10,7 @@ import pytest
 import rpil
 from recordings import demonstrations, recording
 from rpil.faults.checking import check
-from rpil.faults.conventions import TwoEpisodes, limit_of, two_groups, undone
+from rpil.faults.conventions import TwoEpisodes, limit_of, motion_of, two_groups, undone
 from rpil.faults.motion import Jump
 from rpil.faults.rule import Measurements
 
@@ -204,6 +204,11 @@ def test_demonstrations_go_on_in_the_next_one(n, at, more, found):
     learned = SimpleNamespace(columns=columns)
     rule = TwoEpisodes(Measurements(learned, measured, tuple(range(8)), np.full(8, length), None))
     assert [(one.id, one.last, one.severity) for one in rule.findings()] == [(m, at, 3 / 0.35) for m in found]
+
+
+def test_motion_is_the_range_and_the_way_without_the_largest_change():
+    ranges, ways = motion_of(np.array([[0.0, 4, 1, 2], [0, 6, 1, 3], [0, 1, 2, 9]])[..., None])
+    assert (ranges.tolist(), ways.tolist()) == ([6], [4])
 
 
 def in_part(rows, change):
