@@ -22,7 +22,7 @@ BUDGETS = {
     "cli": (2198, 20),
     "data": (2349, 28),
     "estimators": (1799, 18),
-    "faults": (2981, 122),
+    "faults": (2923, 119),
     "formats": (5171, 54),
     "inference": (2269, 95),
     "mixture": (691, 11),
@@ -35,13 +35,13 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 23_375, 2_069, 23_943
+LINES, PAGE_LINES, TEST_LINES = 23_317, 2_069, 23_925
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0
 """Names of types and of files with two meanings, and context variables, at most."""
 
-FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 611, 68
+FUNCTIONS_OF_AUDIT, FILES_OF_AUDIT = 608, 68
 """Functions and files of rpil that one audit of a small CSV runs, at most."""
 
 PASSES = {"episode": 1, "step": 2, "observation.x": 2, "action": 2}
