@@ -161,8 +161,7 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
         content = content[: content.find(b"\n", _HEAD_BYTES) + 1] or content  # whole lines
         first = pa.csv.read_csv(pa.BufferReader(content), *_options(file, len(content) + 1))  # one block
     if not len(first) and default_id is None:
-        said = "it has no rows; write one for each step below the names of its columns"
-        raise DataError(f"{file.path.name}: {said}.")
+        raise DataError(f"{file.path.name}: it has no rows; write one for each step below the names of its columns.")
     # Decimal commas beside points count as numbers here, so that reading refuses them, and leaves no column out.
     kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS), "." if file.separator == "," else ",")
     return find_columns(kinds, file.path.name, options, default_id)
