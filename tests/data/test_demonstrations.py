@@ -29,7 +29,7 @@ def test_properties():
     assert d.observation_names == ("0", "1")
     assert "2 demonstrations, 5 steps, 2 observations, discrete" in repr(d)
     many = Demonstrations(np.zeros((25518, 1)), np.zeros(25518), [0, 25518])
-    assert "1 demonstrations, 25,518 steps" in repr(many)
+    assert "1 demonstration, 25,518 steps, 1 observation," in repr(many)
     assert small(ids=None).ids == (0, 1)
     assert small(ids=np.array([7, 3])).ids == (7, 3)
     assert type(small(ids=np.array([7, 3])).ids[0]) is int

@@ -115,7 +115,6 @@ BOTH = ("long-id", "trailing-nul", "empty-id", "large-id")
 """Files that are read into memory and left on disk."""
 FILES |= {f"{name}-on-disk.parquet": (FILES[f"{name}.parquet"][0], OPEN) for name in BOTH}
 
-
 ZEROS = 15 * 10**8
 
 

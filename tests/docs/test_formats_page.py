@@ -12,6 +12,7 @@ from rpil.formats.registry import FORMATS
 
 DOCS = Path(__file__).parents[2] / "docs"
 TEXT = (DOCS / "formats.md").read_text(encoding="utf-8")
+DEFECTS = {"LeRobot": "compares the folder with itself", "JSON lines": "finds missing files that rows name"}
 NEEDED = {"arrays": "hdf5"}
 """The extras without which a format is not read."""
 
@@ -21,7 +22,7 @@ def row(one: Format) -> str:
     suffixes = ", ".join(f"`{suffix}`" for suffix in one.suffixes)
     can = {
         f"`rpil convert -o NEW{one.suffixes[0] if one.suffixes else ''}`": one.write,
-        "`rpil check` compares the folder with itself": one.find_defects,
+        f"`rpil check` {DEFECTS.get(one.name)}": one.find_defects,
     }
     return f"| {suffixes} | {'; '.join(name for name, function in can.items() if function is not None)} |"
 

@@ -17,7 +17,6 @@ N, M, T = len(OWNERS), len(LENGTHS), max(LENGTHS)
 IS_LAST = np.isin(np.arange(N), np.cumsum(LENGTHS) - 1)
 STEPS = {"observations": STATES, "actions": MOVES}
 
-
 ROWS = {"obs": stacked(STATES), "actions": stacked(MOVES)}
 EACH = "Each first index of the arrays is one demonstration"
 TERMINALS, CUTS = IS_LAST & (OWNERS == 1), IS_LAST & (OWNERS != 1)
@@ -39,7 +38,6 @@ LAYOUTS = [
     (f"{EACH}, which ends at dones.", ROWS | {"dones": np.arange(T) == np.array(LENGTHS)[:, None] - 1}),
     (f"{EACH}, as long as", ROWS | {"obs": stacked(STATES, T + 1), "lengths": np.array(LENGTHS)}),
 ]
-
 
 LONGER = np.array([30, 22, 30, 9, 17, 26, 12, 30, 21, 15])
 """Steps of demonstrations in arrays whose first index is the time."""

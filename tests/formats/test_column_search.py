@@ -66,10 +66,7 @@ def test_every_column_has_a_role_or_a_reason():
         "session": "another id",
         "rate": "excluded as asked",
     }
-
-
-def test_names_with_a_prefix_leave_out_the_others():
-    columns = found(["episode", "obs_x", "height", "action"])
+    columns = found(["episode", "obs_x", "height", "action"])  # a prefix leaves out the others
     assert columns.observations == ("obs_x",)
     assert columns.ignored["height"] == "not named as an observation, as obs_x is"
 
@@ -82,10 +79,7 @@ def test_names_with_a_prefix_leave_out_the_others():
         ({"order": "*"}, "order needs one column, but 'episode', 'x', 'v', 'action' are called"),
         ({"exclude": ["x", "v"]}, "no column holds observations: name them observation.*"),
         ({"action": "v", "observations": "x,v"}, "'v' is part of the action already; take it out of observations="),
-        (
-            {"id": "episode", "action": "v", "observations": "*"},
-            "'episode' is the id already; take it out of observations=",
-        ),
+        ({"id": "episode", "observations": "*"}, "'episode' is the id already; take it out of observations="),
     ],
 )
 def test_a_wrong_name_is_refused_with_the_likely_ones(options, message):

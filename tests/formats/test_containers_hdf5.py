@@ -48,15 +48,17 @@ def test_low_dimensional_observations_are_read_in_the_order_of_numbers(tmp_path)
     assert not about.notes
 
 
-@pytest.mark.parametrize("parent", ["data", "/"])
-def test_kept_demonstrations_are_as_they_were_with_all_else_of_the_file(tmp_path, parent):
+@pytest.mark.parametrize(("parent", "action"), [("data", ()), ("/", "leader/cmd")])
+def test_kept_demonstrations_are_as_they_were_with_all_else_of_the_file(tmp_path, parent, action):
     path = robomimic(tmp_path / "all.hdf5", parent=parent)
     with h5py.File(path, "r+") as file:
         file.attrs["made by"] = "us"
         file["other/array"] = np.arange(3)
         if parent == "/":
             file["mask/train"], file["mask/valid"] = np.array([b"demo_0", b"demo_2"]), np.array([b"demo_10"])
-    find(path).keep(tmp_path / "kept.hdf5", ["demo_10", "demo_0"])
+            for name in ("demo_0", "demo_2", "demo_10"):
+                file.move(f"{name}/actions", f"{name}/{action}")
+    find(path).keep(tmp_path / "kept.hdf5", ["demo_10", "demo_0"], ColumnOptions(action=action))
     before, after = contents(path), contents(tmp_path / "kept.hdf5")
     total = (parent, "total") if parent == "data" else ("/", "total")
     assert after.pop(total) == 10 + 12

@@ -16,6 +16,7 @@ TURN = RNG.integers(0, 3, M * T)
 RUN = np.repeat(np.arange(M), T)
 STEP = np.tile(np.arange(T), M)
 BASE = {"episode": RUN, "step": STEP, "x": X[:, 0], "v": X[:, 1], "action": TURN}
+ONE = BASE | {"episode": 0 * RUN, "step": np.arange(M * T)}  # one demonstration, which counts from 0
 SHUFFLED = np.random.default_rng(3).permutation(M * T)
 
 
@@ -86,7 +87,8 @@ def test_encodings(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("columns", "other", "name"), [({n: BASE[n] for n in BASE if n != "episode"}, "a.tsv", "'a'"), (BASE, "b.csv", "0")]
+    ("columns", "other", "name"),
+    [({n: BASE[n] for n in BASE if n != "episode"}, "a.tsv", "'a'"), (BASE, "b.csv", "0"), (ONE, "b.csv", "0")],
 )
 def test_a_demonstration_in_two_files_is_refused(tmp_path, columns, other, name):
     for file in ("a.csv", other):
@@ -125,17 +127,13 @@ def test_rows_of_one_id_are_several_where_another_column_divides_them(
 def test_observations_that_tell_demonstrations_apart_are_noted(tmp_path):
     more = {"seed": RUN * 7, "wind": np.sqrt(RUN), "gravity": 9.81 + 0 * RUN}
     for rows in (None, SHUFFLED):
-        (tmp_path / "a.csv").write_text(text(BASE | more, rows=rows))
-        notes = read_recording(tmp_path / "a.csv").description.notes
-        assert notes == ("Constant in each demonstration: seed, wind; exclude what nobody could see.",)
+        (tmp_path / "a.csv").write_text(text({"": RUN} | BASE | more, rows=rows))
+        said = read_recording(tmp_path / "a.csv").description
+        assert said.notes == ("Constant in each demonstration: seed, wind; exclude what nobody could see.",)
+        assert said.short()[-2] == "Ignored: no name (number of the row)."
 
 
 REFUSED = {
-    "no names": (
-        text(BASE).split("\n", 1)[1],
-        "the first row holds numbers, not names; put the names of its 5 columns above it",
-    ),
-    "a row too short": (text(BASE) + "3,1\n", "line 62: 2 values for 5 columns in '3,1'"),
     "an action for each step": (
         text(BASE | {"action": [f"go {k}" for k in range(M * T)]}),
         "the action takes 60 different texts in 60 steps, too many to compare; name a column of classes",
@@ -149,6 +147,11 @@ REFUSED = {
     "a word among decimal commas": (
         "episode;x;action\n" + 9 * "1;0,5;1,5\n" + "1;O,5;0,5\n",
         r"a\.csv, demonstration 1, row 10: column 'x' holds text \('O,5'\), not numbers; write numbers",
+    ),
+    "commas": ("run;x;v;action\n" + 9 * "1;.5;1,5;.5\n", r"'v' holds 1,5, and other numbers have a decimal '\.'; w"),
+    "points": (
+        "run;x;action\n" + 250 * "1;0,5;1,5\n" + "1;.5;0,5\n",
+        r"'x' holds \.5, and other numbers .* ','; write",
     ),
     "no id": (
         text({"versuch": RUN, "x": X[:, 0], "turn": TURN}),

@@ -7,7 +7,6 @@ import pytest
 
 import rpil
 from command_line import refused
-from rpil.data.errors import DataError
 
 STEPS = 25
 
@@ -52,5 +51,3 @@ def test_pedals_alone_are_no_action_because_the_wheel_may_have_a_name_of_another
     pa.csv.write_csv(drives().rename_columns({"steer": "Lenkwinkel", "brake_pressure": "Pedal"}), tmp_path / "d.csv")
     said = "no column holds the action: name it action, or name the columns with --action .*'Lenkwinkel', 'Pedal'"
     refused(said, "info", tmp_path / "d.csv")
-    with pytest.raises(DataError, match=r"no column holds the action: .* with action= "):
-        rpil.audit(tmp_path / "d.csv")

@@ -31,6 +31,11 @@ def test_each_file_of_a_folder_is_a_demonstration(tmp_path, monkeypatch):
     (tmp_path / "runs" / "more").mkdir()
     write(tmp_path / "runs" / "more" / "run_0.jsonl", rows)
     assert rpil.read("runs").ids == ("more/run_0", "run_0", "run_1", "run_10")
+    (tmp_path / "two").mkdir()
+    for m in (0, 1):
+        rows = [{"drive": 0, "step": k, "x": 0.3 * k, "action": k / 7} for k in range(5)]
+        write(tmp_path / "two" / f"{m}.catalog", rows)
+    refused("demonstration 0: it is both in 0.catalog and in 1.catalog; .*, --exclude drive", "info", "two")
     refused("keep writes no folder of JSON lines; write the list with -o ids.json, or a", "keep", "runs", "-o", "new")
 
 
@@ -95,4 +100,4 @@ def test_empty_and_missing_files_are_named_by_their_rows(tmp_path, form):
     if found:
         report = rpil.check(tmp_path / "a.jsonl")
         assert [(fault.rule, fault.grade) for fault in report.findings] == 2 * [("named files", "broken")]
-        assert "no column says" in report.not_checked["spike"]
+        assert report.headline.startswith("The steps were not checked: a.jsonl: no column says which demonstration")

@@ -27,6 +27,7 @@ def rows(**columns):
     [
         {"time_s": SECONDS},
         {"time_ms": (1000 * SECONDS).astype(int)},
+        {"stamp": [f"2026-05-01T08:00:{second:04.1f}+02:00".replace(".0+", "+") for second in SECONDS]},
         {"timestamp": pa.array((SECONDS * 1e6).astype(int)).cast(pa.timestamp("us"))},
     ],
     ids=lambda clock: next(iter(clock)),

@@ -14,6 +14,7 @@ from rpil.data import arrays
 from rpil.data.arrays import ActionKind, Id, Indices
 from rpil.data.episodes import lay_end_to_end
 from rpil.data.errors import DataError
+from rpil.data.text import counted
 from rpil.numerics.types import Array
 
 SOURCE = "the demonstrations"
@@ -108,10 +109,10 @@ class DemonstrationSet(EndToEnd):
         return self.n_demonstrations
 
     def __repr__(self) -> str:
-        return (
-            f"<{type(self).__name__} from {self.source}: {self.n_demonstrations:,} demonstrations, {self.n_steps:,} "
-            f"steps, {self.n_observations} observations, {'discrete' if self.is_discrete else 'continuous'} actions>"
-        )
+        sizes = {"demonstration": self.n_demonstrations, "step": self.n_steps, "observation": self.n_observations}
+        shown = ", ".join(counted(n, noun) for noun, n in sizes.items())
+        kind = "discrete" if self.is_discrete else "continuous"
+        return f"<{type(self).__name__} from {self.source}: {shown}, {kind} actions>"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -18,7 +18,6 @@ from unicodedata import category, combining, normalize
 if TYPE_CHECKING:
     import pyarrow as pa
 
-
 MAX_LISTED_NAMES, MAX_IDS = 5, 20
 """Names in one sentence, and ids in one printed line."""
 

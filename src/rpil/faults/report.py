@@ -144,8 +144,8 @@ class FaultReport:
             said = f"{counted(len(self.findings) - n_other, 'recording fault')} found in {n_found:,} of {size}"
             return f"{said}; {others} of the whole set." if n_other else f"{said}."
         if why := self.not_checked.get("duplicate"):  # which is looked for wherever anything is
-            size += f"; {others} of the folder" * bool(n_other)
-            return f"No recording faults were looked for in {size}: {why.rstrip('.')}."
+            of = f" of {size}" if self.n_demonstrations else ""
+            return f"The steps{of} were not checked: {why.rstrip('.')}.{f' Other files: {others}.' * bool(n_other)}"
         if n_other:
             return f"{others} of the whole set, of {size}."
         few = self.not_checked.get("jump", "")  # which needs what most rules need

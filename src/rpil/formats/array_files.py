@@ -21,7 +21,7 @@ from rpil.data.text import TASK, is_observation, may_be_outcome, natural_key, pl
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.containers import ZIP, is_zarr, keep_groups, open_hdf5, open_zarr
-from rpil.formats.format import Format, Metadata, StepTables
+from rpil.formats.format import Format, Metadata, StepTables, called
 from rpil.formats.scan import commas, without_damaged
 from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts, read_once
 from rpil.formats.table_folder import has_tables
@@ -40,20 +40,15 @@ _ATTRIBUTES = {
 
 def claims(path: Path) -> bool:
     """Whether `path` is such a file, by its name, or a folder of such files and of no tables."""
-    if path.is_dir() or is_zarr(path):
-        return is_zarr(path) or (not has_tables(path) and bool(_files(path)))
-    return path.is_file() and path.suffix.lower() in (*_NPZ, *_HDF5)
-
-
-def _is_hdf5(path: Path) -> bool:
-    return path.suffix.lower() in _HDF5
+    is_file = is_zarr(path) or called(*_NPZ, *_HDF5)(path)
+    return is_file or (path.is_dir() and not has_tables(path) and bool(_files(path)))
 
 
 def _open(path: Path, options: ColumnOptions = ColumnOptions(), where: str = "") -> Arrays:
     """The arrays in a file, which is called `where` in messages; those of NPZ are read as a whole."""
     if is_zarr(path):
         return open_zarr(path, options)
-    if _is_hdf5(path):
+    if path.suffix.lower() in _HDF5:
         return open_hdf5(path, options)[1]
     archive, members = _open_npz(path, where := where or path.name)
 
@@ -85,7 +80,8 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     files = _files(path)
     found, damaged = without_damaged(files, lambda name: _part(name, files[name], path), options.skip_bad)
     notes = tuple(dict.fromkeys(note for _, of_file in found.values() for note in of_file))
-    parts, kind = [part for part, _ in found.values()], "HDF5" if _is_hdf5(next(iter(files.values()))) else "NPZ"
+    parts = [part for part, _ in found.values()]
+    kind = "HDF5" if next(iter(files.values())).suffix.lower() in _HDF5 else "NPZ"
     tables = from_parts(parts, _FILE_NAME, path.name, f"{kind}, a file for each demonstration", options, notes=notes)
     return replace(tables, skipped=tuple(files[name].name for name in damaged))
 
@@ -192,8 +188,8 @@ def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> Non
 
     In NPZ an array with one value for each step or demonstration is cut, any other is written whole.
     """
-    if _is_hdf5(path):
-        keep_groups(path, output, ids)
+    if path.suffix.lower() in _HDF5:
+        keep_groups(path, output, ids, options)
         return
     archive, members = _open_npz(path, path.name)
     names = (member.removesuffix(MEMBER) for member in members)
@@ -213,7 +209,7 @@ def unkept(path: Path, options: ColumnOptions) -> str:
     if path.is_dir() or is_zarr(path):
         return "Zarr" if is_zarr(path) else "file of arrays for each demonstration"
     arrays = _open(path, options)
-    has_groups, is_hdf5 = bool(arrays.groups()[1]), _is_hdf5(path)
+    has_groups, is_hdf5 = bool(arrays.groups()[1]), path.suffix.lower() in _HDF5
     if is_hdf5 and has_groups and options.id:
         return "groups by other ids than their names"
     is_told = bool(arrays.names["ids"] or arrays.names["lengths"]) and not (has_groups or arrays.is_stacked)

@@ -69,7 +69,7 @@ class Arrays:
         """The names of the arrays with rows that have each role, or that the user names for it."""
         options = self.options
         named = {**ROLES, "ids": (options.id,) if options.id else ROLES["ids"]}
-        named["actions"] = _actions(self.arrays, as_list(options.action))
+        named["actions"] = _actions(self.arrays, options)
         named["observations"] = (*ROLES["observations"], *as_list(options.observations))
         there = {name for name in {*sum(named.values(), ())} & self.arrays.keys() if self.arrays[name].shape}
         return {role: [name for name in names if name in there] for role, names in named.items()}
@@ -129,8 +129,8 @@ class Arrays:
             name, slash, rest = path.removeprefix(within).partition("/")
             if slash and path.startswith(within):
                 found.setdefault(name, {})[rest] = array
-        shapes = {m: next((tree[a].shape for a in _actions(tree) if a in tree), ()) for m, tree in found.items()}
-        return within, {name: Part(shape[0], found[name]) for name, shape in shapes.items() if shape}
+        acted = ((m, [tree[a] for a in _actions(tree, self.options) if a in tree][:1]) for m, tree in found.items())
+        return within, {m: Part(one.shape[0], found[m]) for m, own in acted for one in own if one.shape}
 
     def cut(self) -> Cut:
         """The demonstrations by ids, or the first row of `_ROWS` that fits; a `DataError` where none does."""
@@ -148,6 +148,7 @@ class Arrays:
             raise DataError(f"{self.source}: {fault}; give one id for each.")
         there = commas([f"{name} {array.shape}" for name, array in self.arrays.items()]) or "no arrays"
         remedy = "add terminals and timeouts, or one called episode_index, or write a group with actions and obs each"
+        remedy += ", or name the array of actions in each group with --action"
         if self.names["actions"] and not self.names["observations"]:
             remedy = "name the array of observations with --observations"
         raise DataError(f"{self.source}: nothing says where demonstrations begin (it holds {there}); {remedy}.")
@@ -253,9 +254,9 @@ class Arrays:
         return ids, {**found, **whole} if is_step is None else {**whole, **found}
 
 
-def _actions(arrays: Tree, named: Sequence[str] = ()) -> tuple[str, ...]:
+def _actions(arrays: Tree, options: ColumnOptions) -> tuple[str, ...]:
     """The names that the array of actions may have, the likeliest first."""
-    names = (*named, *ROLES["actions"])
+    names = (*as_list(options.action), *ROLES["actions"])
     if not arrays.keys().isdisjoint(names):
         return names
     plain = {name: plain_name(name) for name in arrays}

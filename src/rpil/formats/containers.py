@@ -143,14 +143,14 @@ class _FileArray:
             raise DataError(f"{where}: its chunks hold more than they declare; copy or write it again.")
 
 
-def keep_groups(path: Path, output: Path, ids: Set[str]) -> None:
+def keep_groups(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> None:
     """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others.
 
     An `OSError` with its number if the system fails to write it.
     """
     import h5py
 
-    source, arrays = open_hdf5(path)
+    source, arrays = open_hdf5(path, options)
     within, found = arrays.groups()
     try:
         with h5py.File(output, "w") as new:

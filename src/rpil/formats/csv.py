@@ -38,6 +38,7 @@ _QUOTED = re.compile(r'"(?:[^"]|"")*"')
 _WRITTEN_NUMBER = re.compile(r"\s*[+-]?(?:\d+|\d*([.,])\d+|\d+[.,])(?:[eE][+-]?\d+)?\s*")
 """A number, and the decimal sign that digits follow."""
 
+_REFUSED_NUMBER = re.compile(rf"column #(\d+): .*'({_WRITTEN_NUMBER.pattern})'")  # in an error of Arrow
 _FAULT = "not a CSV file in UTF-8, or a damaged or truncated one", "write it again, as UTF-8"
 _HEAD_BYTES, _BLOCK_BYTES = MIB, 32 * MIB  # by which kinds of columns are told, and which are parsed at a time
 
@@ -54,8 +55,7 @@ class TextTable:
 
     def check(self) -> None:
         """A `DataError` that names the first damaged line, where there is one."""
-        damaged = [f"line {number:,}: {fault}" for number, _, _, fault in text_rows(self) if fault]
-        if damaged:
+        if damaged := [f"line {number:,}: {fault}" for number, _, _, fault in text_rows(self) if fault]:
             more = f", the first of {len(damaged):,} damaged lines" if len(damaged) > 1 else ""
             raise DamagedError(f"{self.path.name}, {damaged[0]}{more}; correct it, or write the file again.")
 
@@ -102,8 +102,7 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
         said = f"a quotation begins and does not end in {lines[start].strip()[-40:]!r}, its names of columns"
         raise DamagedError(f"{path.name}, line {start + 1}: {said}; correct it.")
     separator = max(_SEPARATORS, key=header.count)
-    reader = csv.reader(lines[start : start + 1], delimiter=separator, skipinitialspace=True)
-    names = [name.strip() for name in next(reader)]
+    names = [name.strip() for name in next(csv.reader([lines[start]], delimiter=separator, skipinitialspace=True))]
     if len(names) > 1 and 2 * sum(bool(_WRITTEN_NUMBER.fullmatch(name)) for name in names) > len(names):
         said = f"the first row holds numbers, not names; put the names of its {len(names)} columns above it"
         raise DataError(f"{path.name}: {said}, or give a frame in Python, as pandas.read_csv(FILE, names=[...]).")
@@ -162,9 +161,9 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
         content = content[: content.find(b"\n", _HEAD_BYTES) + 1] or content  # whole lines
         first = pa.csv.read_csv(pa.BufferReader(content), *_options(file, len(content) + 1))  # one block
     if not len(first) and default_id is None:
-        said = "it has no rows; write one for each step below the names of its columns"
-        raise DataError(f"{file.path.name}: {said}.")
-    kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS), file.decimal)
+        raise DataError(f"{file.path.name}: it has no rows; write one for each step below the names of its columns.")
+    # Decimal commas beside points count as numbers here, so that reading refuses them, and leaves no column out.
+    kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS), "." if file.separator == "," else ",")
     return find_columns(kinds, file.path.name, options, default_id)
 
 
@@ -180,6 +179,11 @@ def _parsing(file: TextTable) -> Iterator[None]:
             yield
         except pa.ArrowInvalid as error:
             if "CSV conversion error" in str(error) and "UTF8" not in str(error):
+                found = _REFUSED_NUMBER.search(str(error))
+                if found and file.separator != "," and found[3] not in (None, file.decimal):
+                    name, value = file.names[int(found[1])], found[2].strip()
+                    said = f"column {name!r} holds {value}, and other numbers have a decimal {file.decimal!r}"
+                    raise DataError(f"{file.path.name}: {said}; write one sign, or --exclude the column.") from error
                 said = "a column holds values of another type further on; write them alike, or allow more with --memory"
                 raise _OtherTypeError(f"{file.path.name}: {said}.") from error
             file.check()
@@ -208,7 +212,7 @@ def _rows_of(
     floats = dict.fromkeys((*columns.observations, *columns.actions), pa.float64())
     kinds = (pa.int64(), pa.float64(), pa.string()) if columns.one_action else (None,)
     own = [dict.fromkeys(columns.actions, kind) if kind else {} for kind in kinds]
-    fault = None
+    faults = list[DataError]()
     for types in ({**others, **action, **texts} for others in (floats, {}) for action in own):
         sizes = dict.fromkeys(files, 0)
         tables = _tables(files, columns, types, sizes)
@@ -222,11 +226,10 @@ def _rows_of(
                 tables = (table.cast(schema) for table in tables)
             return ArrowFile.of(tables, source), sizes
         except _OtherTypeError as error:
-            fault = error
+            faults.append(error)
     for file in files.values():
         file.check()
-    assert fault is not None
-    raise fault
+    raise faults[-1]
 
 
 def _tables(

@@ -21,7 +21,7 @@ from rpil.data.memory import Size, check_memory
 from rpil.data.text import short_name
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
-from rpil.formats.columns import ColumnOptions, Columns, check_names
+from rpil.formats.columns import FILE, ColumnOptions, Columns, check_names
 from rpil.formats.steps import ArrowFile, Steps
 from rpil.formats.table import Place
 from rpil.numerics.types import Array
@@ -72,7 +72,8 @@ def from_arrow(
     table = next(waiting, pa.table({}))
     check_names(table.column_names, source)
     lists = flat.parts_of_lists(table, {})
-    columns = find_columns(flat.kinds_of(table.slice(0, flat.HEAD_ROWS)), source, options, default_id, lists)
+    head = table.select([name for name in table.column_names if name != FILE]).slice(0, flat.HEAD_ROWS)
+    columns = find_columns(flat.kinds_of(head), source, options, default_id, lists)
     chosen = (flat.flattened(one.select(columns.stored), lists, columns.all) for one in chain([table], waiting))
     return StepTables(chosen, columns, source, format_name)
 

@@ -16,7 +16,7 @@ from rpil.data.text import natural_key
 from rpil.formats import table as flat
 from rpil.formats.columns import FILE, ColumnOptions
 from rpil.formats.csv import MEMORY_PER_BYTE
-from rpil.formats.format import Defect, Format, StepTables, from_arrow, plain_columns
+from rpil.formats.format import Defect, Format, StepTables, called, from_arrow, plain_columns
 from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table_folder import has_tables
 
@@ -27,9 +27,7 @@ _NO_LINES = "no lines of JSON, or damaged or truncated ones", "write an object o
 
 def claims(path: Path) -> bool:
     """Whether `path` is such a file, or a folder with such files and without tables."""
-    if path.is_file():
-        return path.name.lower().endswith(JSON_SUFFIXES)
-    return path.is_dir() and bool(_files(path)) and not has_tables(path)
+    return called(*JSON_SUFFIXES)(path) or (path.is_dir() and bool(_files(path)) and not has_tables(path))
 
 
 def read(path: Path, options: ColumnOptions) -> StepTables:
@@ -40,23 +38,21 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     files = {file.relative_to(path).as_posix() if path.is_dir() else file.name: file for file in _files(path)}
     check_memory(MEMORY_PER_BYTE * sum(file.stat().st_size for file in files.values()), path.name, options.memory)
     tables, damaged = without_damaged(files, lambda name: _parsed(files[name]), options.skip_bad)
-    default = None
-    if path.is_dir():
-        default, names = FILE, {m: Path(m).with_suffix("").as_posix() for m in tables}
-        tables = {m: one.append_column(FILE, pa.repeat(names[m], len(one))) for m, one in tables.items()}
+    default, sizes = FILE if path.is_dir() else None, {m: len(one) for m, one in tables.items()}
+    if default:
+        tables = {m: tables[m].append_column(FILE, pa.repeat(m.rpartition(".")[0], sizes[m])) for m in sizes}
     table = flat.end_to_end([*tables.values()], path.name)
     name = "JSON lines" if len(files) == 1 else f"JSON lines, {len(tables):,} files"
-    return replace(from_arrow([table], options, path.name, name, default), skipped=tuple(damaged))
+    return replace(from_arrow([table], options, path.name, name, default), sizes=sizes, skipped=tuple(damaged))
 
 
 def _files(path: Path) -> list[Path]:
     """The file at `path`, or those in the folder and in folders in it, but for hidden ones and for ``meta``."""
     if path.is_file():
         return [path]
-    found = {file.relative_to(path): file for file in path.rglob("*") if file.name.lower().endswith(JSON_SUFFIXES)}
+    found = {m.relative_to(path): m for m in filter(called(*JSON_SUFFIXES), path.rglob("*")) if m.stat().st_size}
     shown = [one for one in found if "meta" not in one.parts and not any(part[0] in "._" for part in one.parts)]
-    ordered = [found[one] for one in sorted(shown, key=lambda one: natural_key(one.as_posix()))]
-    return [file for file in ordered if file.is_file() and file.stat().st_size]
+    return [found[one] for one in sorted(shown, key=lambda one: natural_key(one.as_posix()))]
 
 
 def _parsed(file: Path) -> pa.Table:

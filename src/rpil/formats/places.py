@@ -49,13 +49,14 @@ def find_places(rows: Steps, columns: Columns) -> tuple[Steps, Columns]:
     chosen, offsets, moved = group_rows(group, values)
     ids = as_ids([names_of[k] for k in chosen.tolist()], rows.source)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
-    if columns.episode == FILE and not columns.options.id:
+    if (order is None and columns.orders) or (columns.episode == FILE and not columns.options.id):  # steps count anew
         starts = np.cumsum([0, *rows.sizes.values()])
         heads = np.union1d(heads, starts[starts < len(rows)])
     files: dict[Id, str] = {}
     for row, file in zip(heads, rows.files(heads) or repeat(rows.source), strict=False):
         if files.setdefault(m := names_of[group[row]], file) != file:
             remedy = "give each demonstration its own id, in one file"
+            remedy += f"; where each file is one, --exclude {columns.episode}" if columns.episode != FILE else ""
             raise DataError(f"{rows.source}, demonstration {m!r}: it is both in {files[m]} and in {file}; {remedy}.")
     apart = "; rows of a demonstration lay apart" if len(heads) > len(chosen) else ""
     rows = replace(rows if moved is None else rows.taken(moved), ids=ids, offsets=offsets)

@@ -234,7 +234,7 @@ class Description:
         lines += [f"Observations: {len(self.observations):,}: {commas(self.observations)}."]
         lines += [f"Demonstrations by {self.id_column}; {self.order}."]
         missing = [f"{n:,} in {name}" for name, n in self.missing.items()]
-        ignored = [f"{name} ({reason})" for name, reason in self.ignored.items()]
+        ignored = [f"{name or 'no name'} ({reason})" for name, reason in self.ignored.items()]
         parts = ("Missing values", missing), ("Ignored", ignored)
         return [*lines, *(f"{what}: {commas(own)}." for what, own in parts if own), *self.notes]
 

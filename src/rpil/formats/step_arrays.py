@@ -28,7 +28,6 @@ NO_STEPS, NOT_IN_FIRST = "not one value for each step", "not in the first demons
 MAX_MATRIX = 1024
 """Numbers of a matrix that is no image, at most; it is read as a list."""
 
-
 StoredArray = Any
 """An array with a shape and a type that need not be in memory, and of which slices of rows are read."""
 

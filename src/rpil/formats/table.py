@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, Literal
 
 import numpy as np
@@ -232,8 +233,11 @@ def numbers_or_missing(column: pa.ChunkedArray) -> Array | None:
 
 
 def order_values(column: pa.ChunkedArray) -> Array | None:
-    """A column as numbers to sort by; None where values are missing, or are neither numbers nor times."""
+    """A column of numbers, times or texts of times as numbers to sort by; None where values are missing or others."""
     kind = kind_of_type(column.type)
+    for zone in (None, "UTC") if kind == "text" else ():
+        with suppress(pa.ArrowException):  # of texts that are no times as ISO 8601 writes them
+            column, kind = column.cast(pa.timestamp("us", zone)), "time"
     if column.null_count or kind not in ("number", "time"):
         return None
     values = np.asarray(column.to_numpy())

@@ -56,10 +56,9 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
         raise DataError(f"{path}: no .parquet or .csv file is there{but}; check the path.")
     source = Path(path).name or str(path)
     if parquet_files:
-        found = parquet.read_files([*map(str, parquet_files)], options, source)
+        found, kind = parquet.read_files([*map(str, parquet_files)], options, source), "Parquet files"
     else:
-        found = csv.read_files(text_files, options, source, FILE)
-    kind = "Parquet files" if parquet_files else "text tables"
+        found, kind = csv.read_files(text_files, options, source, FILE), "text tables"
     return replace(found, ignored=dict.fromkeys(others, f"not read beside {kind}"))
 
 

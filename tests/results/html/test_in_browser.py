@@ -30,7 +30,6 @@ HOSTILE = (
     *("\u202ereversed", "<img src=x onerror=document.title='ran'>", "constructor", "__proto__", "ends with \\"),
 )
 
-
 MADE = {"rpil": "1", "command": "rpil audit x.csv", "seed": 0, "settings": {}, "files": []}
 
 
@@ -43,8 +42,8 @@ def browser(chromium: Browser, tmp_path: Path) -> Iterator[Browser]:
 
 def write(path: Path, audit: Audit, **about: object) -> Path:
     n = len(audit.ids)
-    findings = (Fault("jump", audit.ids[-1], 3, 5, "x", 1.0, 0.5, 2.0, "it leaps"),)
-
+    of_x = "x", 1.0, 0.5, 2.0
+    findings = Fault("jump", audit.ids[-1], 3, 5, *of_x, "it leaps"), Fault("constant state", "", 0, 1, *of_x, "x is 0")
     given = {
         "source": "x.csv",
         "faults": FaultReport(findings, {}, {}, {}, {}, n, 99),
@@ -77,6 +76,7 @@ def test_it_opens_on_what_needs_a_person_and_is_filtered_searched_and_sorted(bro
     audit = make_audit(pair=(0, 7))
     browser.open(write(tmp_path / "r.html", audit))
     assert browser.text("[data-role=review]") == "Show the 5 to look at"
+    assert browser.evaluate("document.querySelectorAll('[data-filter=fault]').length") == 1, "of jumps"
     order = [*map(str, looking_order(audit)[0])]
     assert column(browser, 1) == order
     assert {*order[:4]} == {"6", "7", "8", "9"}, "the outliers"

@@ -64,7 +64,7 @@ const makeModel = (view) => {
     { key: "demonstrator", title: "Operator", values: values(d.demonstrator), of: (m) => [d.demonstrator[m]] },
     { key: "session", title: "Session", values: values(d.session), of: (m) => [d.session[m]] },
     { key: "task", title: "Task", values: values(d.task), of: (m) => [d.task[m]] },
-    { key: "fault", title: "Fault", values: view.faults.kinds.map((kind) => kind.rule), of: (m) => rules[m], few: 1 },
+    { key: "fault", title: "Fault", values: view.faults.kinds.map((kind) => kind.rule).filter((rule) => rules.flat().includes(rule)), of: (m) => rules[m], few: 1 },
     { key: "changed", title: "Last answer", values: live?.changed().length ? ["changed"] : [], of: (m) => (live?.changed().includes(m) ? ["changed"] : []), few: 1 },
     { key: "mark", title: live ? "Your answer" : "Your mark", values: ["good", "bad", "none"], of: (m) => [marks.get(m) ?? "none"] },
   ].filter((one) => one.values.length >= (one.few ?? 2));
