@@ -9,7 +9,6 @@ import pytest
 from scipy.special import expit, logit
 
 from hand_made import COLUMNS, answers_of
-from rpil.data.fit_data import Demonstrators
 from rpil.inference.answered import (
     Answered,
     agreement,
@@ -17,7 +16,6 @@ from rpil.inference.answered import (
     contradicting,
     places_to_ask,
     predicted,
-    with_demonstrators,
 )
 from rpil.inference.settings import AnswerSettings
 from rpil.inference.witnesses import regression, weigh
@@ -309,44 +307,6 @@ def test_a_copy_confirms_nothing():
         once = judged(answers_of(pairs=pair, tied=() if pair else [(0, 11)]))
         np.testing.assert_array_equal(found.log_odds, once.log_odds[EVERY])
         assert found.count == 1
-
-
-# Demonstrators.
-
-
-def test_the_columns_of_demonstrators_by_hand():
-    """Of 0, 0, 1, 2, 2, 2, of whom demonstrator 2 has two answers, a label and a pair."""
-    columns, index = np.column_stack([[1.0, 2, 3, 4, 5, 9], np.arange(6), -np.arange(6)]), np.array([0, 0, 1, 2, 2, 2])
-    found = with_demonstrators(columns, answers_of([1, 0, 0, 0, 0, -1], pairs=[(2, 3)], m=6), index, 2.0)
-    np.testing.assert_array_equal(found[:, [0, 1, 4]], columns)
-    np.testing.assert_array_equal(found[:, 2], 2 * (np.array([2, 1, 4, 7, 6.5, 4.5]) - 4) * (index != 1))
-    np.testing.assert_array_equal(found[:, 3], 2 * (index == 2))
-    once = with_demonstrators(columns, answers_of([1, 0, 0, 0, 0, -1], m=6), index, 2.0)
-    np.testing.assert_array_equal(once, found[:, [0, 1, 2, 4]])
-
-
-def of_operators(index, bad, ranking, seed=0):
-    """AUROC of 200 demonstrations after sixteen labels: with demonstrators, and without."""
-    chosen = np.random.default_rng(seed).choice(200, 16, replace=False)
-    labels = np.zeros(200, dtype=int)
-    labels[chosen] = np.where(bad[chosen], -1, 1)
-    columns = np.column_stack([ranking, np.zeros(200)])
-    who = Demonstrators.from_names(index.tolist()), Demonstrators()
-    found = [answer(columns, answers_of(labels, m=200), SETTINGS, np.arange(200), one).log_odds for one in who]
-    return [np.mean(one[~bad][:, None] > one[bad]) for one in found]
-
-
-def test_demonstrators_tell_where_quality_is_theirs_and_harm_no_order_where_it_is_not():
-    """Their styles move the ranking by as much as bad demonstrations do."""
-    gains, changes = [], []
-    for seed in range(5):
-        rng = np.random.default_rng(seed)
-        index, noise = rng.integers(8, size=200), rng.normal(size=200)
-        of_two, by_chance, style = index < 2, rng.random(200) < 0.25, rng.normal(size=8)
-        gains.append(np.subtract(*of_operators(index, of_two, noise - of_two, seed)))
-        changes.append(np.subtract(*of_operators(index, by_chance, noise - by_chance + style[index], seed)))
-    assert np.mean(gains) > 0.1
-    assert np.mean(changes) > -0.02
 
 
 # Pairs without a difference.
