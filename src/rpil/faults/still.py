@@ -221,9 +221,9 @@ def steady(
     found = np.ones(values.shape[1], dtype=bool)
     for w, band in bands.items():
         begins, ends = parts(found, offsets)
-        long = ends - begins >= 2 * w
-        begins, ends = begins[long], ends[long]
-        at = np.flatnonzero(covered(len(found), begins, ends - 2 * w + 1))
+        n = ends - begins - 2 * w + 1
+        begins, ends, n = begins[n > 0], ends[n > 0], n[n > 0]
+        at = np.arange(n.sum()) + np.repeat(begins - np.cumsum(n) + n, n)
         found &= ~covered(len(found), begins, ends)
         for own, most in zip(values, w * band, strict=True):
             total = np.append(0.0, np.cumsum(own)) if len(at) else own
@@ -279,14 +279,16 @@ def near_middle(
 ) -> tuple[Int[Array, " R"], Int[Array, " R"]]:
     """The first and the last row of each part in which every column is no further from its median there than `far`; T
     and -1 where there is none."""
-    first, last = np.full(len(begins), values.shape[1]), np.full(len(begins), -1)
-    for k, (a, b) in enumerate(zip(begins.tolist(), ends.tolist(), strict=True)):
-        order = np.sort(own := values[:, a:b], axis=1)
-        middle = (order[:, (b - a - 1) // 2] + order[:, (b - a) // 2]) / 2
-        near = np.flatnonzero((np.abs(own - middle[:, None]) <= far[:, None]).all(axis=0))
-        if len(near):
-            first[k], last[k] = a + near[0], a + near[-1]
-    return first, last
+    n, run = ends - begins, np.repeat(np.arange(len(begins)), ends - begins)
+    starts = np.cumsum(n) - n
+    rows = np.arange(len(run)) + (begins - starts)[run]
+    order = (own := values[:, rows]).copy()
+    for a, b in pairwise([*starts.tolist(), len(rows)]):
+        order[:, a:b].sort(axis=1)
+    middle = (order[:, starts + (n - 1) // 2] + order[:, starts + n // 2]) / 2
+    near = (np.abs(own - middle[:, run]) <= far[:, None]).all(axis=0)
+    first = np.minimum.reduceat(np.where(near, rows, values.shape[1]), starts)
+    return first, np.maximum.reduceat(np.where(near, rows, -1), starts)
 
 
 def idle_runs(block: MovingBlock, is_command: bool) -> tuple[Int[Array, " M"], ...]:
