@@ -112,7 +112,7 @@ class Demonstrator:
 
     name: Hashable
     trust: Interval | None
-    """The mean P(good) that is expected of another demonstration of this demonstrator; None without answers."""
+    """The share of good demonstrations, with its 95 % interval; None without answers."""
     demonstrations: tuple[Hashable, ...]
     """Their ids."""
 
