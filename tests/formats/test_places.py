@@ -16,6 +16,9 @@ from samples import assert_same
 SECONDS = np.array([0.0, 0.1, 0.2, 5.0, 5.1, 0.0, 0.1, 0.2])
 """A pause of 4.8 s before the fourth row, and a clock that begins anew before the sixth."""
 
+STAMPS = [f"2026-05-01T08:00:{second:04.1f}+02:00".replace(".0+", "+") for second in SECONDS]
+"""The same as ISO 8601 writes it."""
+
 
 def rows(**columns):
     rng = np.random.default_rng(0)
@@ -27,7 +30,8 @@ def rows(**columns):
     [
         {"time_s": SECONDS},
         {"time_ms": (1000 * SECONDS).astype(int)},
-        {"stamp": [f"2026-05-01T08:00:{second:04.1f}+02:00".replace(".0+", "+") for second in SECONDS]},
+        {"stamp": STAMPS},
+        {"time_ms": STAMPS},  # whatever the name says of a unit
         {"timestamp": pa.array((SECONDS * 1e6).astype(int)).cast(pa.timestamp("us"))},
     ],
     ids=lambda clock: next(iter(clock)),
@@ -44,6 +48,25 @@ def test_a_demonstration_ends_at_a_pause_and_where_the_clock_goes_back(clock, su
     np.testing.assert_array_equal(recording.demonstrations.actions.ravel(), table["action"].to_numpy())
     longer = rpil.open(table if suffix == "frame" else path, split_gap=4.9)
     assert longer.demonstrations.lengths.tolist() == [5, 3]
+
+
+@pytest.mark.parametrize("name", ["date", "timestamp"])
+def test_a_text_of_a_date_that_stays_in_each_demonstration_is_no_clock(name):
+    trip = np.repeat([0, 1], [5, 3])
+    days = rows(trip=trip, **{name: [f"2026-05-0{m + 1}" for m in trip]})
+    recording = rpil.open(days, id="trip")
+    assert recording.description.fps is None
+    assert recording.times().timestamps is None
+
+
+def test_a_demonstration_goes_on_in_the_next_file_unless_its_steps_count_anew(tmp_path):
+    for name, part in (("a", slice(0, 5)), ("b", slice(5, 8))):
+        table = rows(trip=[0, 0, 0, 1, 1, 1, 2, 2], time=[1, 1, 1, 2, 2, 2, 3, 3])
+        pa.csv.write_csv(table.slice(part.start, part.stop - part.start), tmp_path / f"{name}.csv")
+    assert rpil.read(tmp_path, id="trip").lengths.tolist() == [3, 3, 2]
+    pa.csv.write_csv(rows(trip=[1] * 8, time=[0, 0, 1, 1, 2, 2, 3, 3]), tmp_path / "b.csv")
+    with pytest.raises(DataError, match=r"demonstration 1: it is both in a\.csv and in b\.csv; .* exclude= trip"):
+        rpil.read(tmp_path, id="trip")
 
 
 def test_named_demonstrations_are_split_further(tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 
 from hand_made import answers_of
 from rpil.data.fit_data import Demonstrators
-from rpil.inference.answered import answer, with_demonstrators
+from rpil.inference.answered import MOST_INDICATORS, answer, with_demonstrators
 from rpil.inference.settings import AnswerSettings
 
 SETTINGS = AnswerSettings()
@@ -21,6 +21,20 @@ def test_the_columns_of_demonstrators_by_hand():
     np.testing.assert_array_equal(found[:, 3], 2 * (index == 2))
     once = with_demonstrators(columns, answers_of([1, 0, 0, 0, 0, -1], m=6), index, 2.0)
     np.testing.assert_array_equal(once, found[:, [0, 1, 2, 4]])
+    many = np.repeat(np.arange(40), [2] * 39 + [3])
+    found = with_demonstrators(np.zeros((81, 2)), answers_of([1] * 81, m=81), many, 1.0)[:, 2:-1]
+    np.testing.assert_array_equal(found, many[:, None] == [*range(MOST_INDICATORS - 1), 39])
+
+
+def test_of_copies_the_first_with_a_name_says_whose_they_are():
+    columns, labels = np.random.default_rng(0).normal(size=(9, 3)), [1, -1, 1, -1, 1, -1, 0, 0, 0]
+    copy_of = np.array([0, 1, 2, 3, 4, 5, 6, 0, 1])
+    names = [[None, None, "a", "b", "b", "a", "b", "a", "b"], ["a", "b", "a", "b", "b", "a", "b", "b", None]]
+    found = [
+        answer(columns[copy_of], answers_of(labels, m=9), SETTINGS, copy_of, Demonstrators.from_names(one)).log_odds
+        for one in names
+    ]
+    np.testing.assert_array_equal(*found)
 
 
 def of_operators(index, bad, ranking, seed=0):

@@ -8,7 +8,6 @@ import warnings
 from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
@@ -52,11 +51,6 @@ class Demonstrators:
         if len(self.names) < len(self.index):
             return f"One demonstrator, {self.names[0]!r}, gave all demonstrations, so demonstrators are not used."
         return "No demonstrator gave two demonstrations, so demonstrators are not used."
-
-    @cached_property
-    def indicator(self) -> Array:
-        """1 where demonstrator u gave demonstration m, else 0, (U, M)."""
-        return np.asarray(np.arange(len(self.names))[:, None] == self.index, dtype=float)
 
 
 DemonstratorNames = Mapping[Any, Hashable] | Sequence[Hashable] | Array

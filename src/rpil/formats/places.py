@@ -49,9 +49,13 @@ def find_places(rows: Steps, columns: Columns) -> tuple[Steps, Columns]:
     chosen, offsets, moved = group_rows(group, values)
     ids = as_ids([names_of[k] for k in chosen.tolist()], rows.source)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
-    if (order is None and columns.orders) or (columns.episode == FILE and not columns.options.id):  # steps count anew
-        starts = np.cumsum([0, *rows.sizes.values()])
-        heads = np.union1d(heads, starts[starts < len(rows)])
+    starts = np.cumsum([0, *rows.sizes.values()])
+    starts = starts[starts < len(rows)]
+    if columns.episode == FILE and not columns.options.id:
+        heads = np.union1d(heads, starts)
+    elif order is None and columns.orders:  # whose steps may count anew in a file
+        steps, later = flat.order_values(rows.read(columns.orders[:1])[columns.orders[0]]), starts[1:]
+        heads = heads if steps is None else np.union1d(heads, later[steps[later] < steps[later - 1]])
     files: dict[Id, str] = {}
     for row, file in zip(heads, rows.files(heads) or repeat(rows.source), strict=False):
         if files.setdefault(m := names_of[group[row]], file) != file:
@@ -284,13 +288,17 @@ def find_clock(steps: Steps, columns: Columns) -> Clock | None:
         values = flat.order_values(table[name].filter(~missing) if missing.any() else table[name])
         if values is None or not len(values):
             continue
-        unit, is_named = unit_of(name, table[name].type, values), plain_name(name) in TIMESTAMP
+        is_text, is_named = flat.kind_of_type(table[name].type) == "text", plain_name(name) in TIMESTAMP
+        unit = 1e-6 if is_text else unit_of(name, table[name].type, values)
         if unit is None and (found or not is_named):
             continue
         ticks = np.full(len(missing), np.nan)
         ticks[~missing] = values - values.min()
         clock = Clock(ticks, unit)
-        goes_on = is_named or ((np.diff(ticks) > 0).any() and not (clock.lengths(steps.offsets) < 0).any())
+        moved = np.diff(ticks) > 0
+        moved[steps.offsets[1:-1] - 1] = False  # a date moves between demonstrations alone
+        is_clock = moved.any() and not (clock.lengths(steps.offsets) < 0).any()
+        goes_on = is_clock or (is_named and not is_text)
         if unit is not None and goes_on:
             return clock
         found = clock if unit is None else found

@@ -210,7 +210,8 @@ def id_codes(table: pa.Table, name: str, at: Place) -> tuple[list[int | str], Ar
     if pa.types.is_floating(column.type):
         if not are_whole(values := column.to_numpy()):
             row = int(np.argmin(np.isfinite(values) & (values == np.round(values))))
-            raise DataError(f"{at(row)}: demonstration ids must be whole numbers or text; fill in the missing ones.")
+            said = f"demonstration ids must be whole numbers or text; fill in the missing ones of {name!r}"
+            raise DataError(f"{at(row)}: {said}.")
         column = column.cast(pa.int64())
     elif pa.types.is_decimal(column.type) or pa.types.is_temporal(column.type):
         column = column.cast(pa.string())

@@ -25,6 +25,8 @@ from rpil.inference.witnesses import Witnesses, is_contrast, regression, weigh
 from rpil.numerics.types import Array, Bool, Float, Int
 
 NOBODY = Demonstrators()
+MOST_INDICATORS = 30
+"""Demonstrators with a column of their own at most, those with most answers: the time of a fit grows with the cube."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +65,9 @@ def answer(
     once = answers.once(copy_of)
     columns = columns[first]
     if who.informative:
-        columns = with_demonstrators(columns, once, who.index[first], settings.demonstrator_scale)
+        named = np.argsort([who.names[u] is None for u in who.index], kind="stable")  # of copies the first with a name
+        index = who.index[named[np.unique(place[named], return_index=True)[1]]]
+        columns = with_demonstrators(columns, once, index, settings.demonstrator_scale)
     rows, n_pairs = once.rows(columns)
     evidence, total = once.evidence(logit(1 - settings.error)), once.evidence(logit(1 - settings.error))
     witnesses = weigh(rows, evidence, n_pairs, once.outcomes, settings)
@@ -92,13 +96,16 @@ def with_demonstrators(
     columns: Float[Array, "M C"], answers: Answers, index: Int[Array, " M"], scale: float
 ) -> Float[Array, "M D"]:
     """The `columns`, and before the last one those of the demonstrators with these numbers, times `scale`: the mean
-    ranking of the other demonstrations of the same one, and an indicator of each one who has two answers or more. So
-    what is said of one demonstration says nothing of its demonstrator."""
+    ranking of the other demonstrations of the same one, and an indicator of each one of whom two demonstrations or more
+    have answers, at most of `MOST_INDICATORS`. So what is said of one demonstration says nothing of its demonstrator.
+    """
     ranking = columns[:, 0] - columns[:, 0].mean()
     n_others = np.maximum(np.bincount(index)[index] - 1, 1)
     others = (np.bincount(index, ranking)[index] - ranking) / n_others
     answered = np.unique(np.concatenate([np.flatnonzero(answers.labels), answers.compared.ravel()]))
-    indicators = index[:, None] == np.flatnonzero(np.bincount(index[answered]) > 1)
+    counts = np.bincount(index[answered], minlength=1)
+    most = np.argsort(-counts, kind="stable")[:MOST_INDICATORS]
+    indicators = index[:, None] == np.sort(most[counts[most] > 1])
     return np.column_stack([columns[:, :-1], scale * others, scale * indicators, columns[:, -1]])
 
 

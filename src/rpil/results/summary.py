@@ -94,9 +94,9 @@ def notes_of(
     if claims.groups is not None:
         return groups_differ(claims.groups, columns, lengths)
     outlier = claims.verdicts < 0
-    if not who.informative or outlier.sum() < 2 or (who.indicator @ outlier).max() < outlier.sum():
+    if not who.informative or outlier.sum() < 2 or len({*who.index[outlier].tolist()}) > 1:
         return ()
-    name = printable(who.names[int(np.argmax(who.indicator @ outlier))])
+    name = printable(who.names[who.index[outlier][0]])
     return (f"All outliers are of one operator, {name}: perhaps a style or a set-up, and not necessarily worse.",)
 
 

@@ -103,7 +103,8 @@ def write_episodes(
 def statistics_in(row: Mapping[str, Parsed], feature: str) -> dict[str, Parsed]:
     """Statistics of a feature in a row of the table of episodes: min, max, mean, std, count, and quantiles as q01."""
     own = f"stats/{feature}"
-    return {name: row[column] for column in row for place, _, name in [column.rpartition("/")] if place == own}
+    parts = ((column.rpartition("/"), value) for column, value in row.items() if value is not None)
+    return {name: value for (place, _, name), value in parts if place == own}
 
 
 def joined_stats(episodes: Sequence[Mapping[str, Parsed]]) -> dict[str, Parsed]:
@@ -150,7 +151,10 @@ def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> Non
     for file, place in places.items():
         table = read_table(old.path / file)
         own = {m: rows for m, rows in rows_of_episodes(table).items() if m in kept}
-        table = table.take(np.concatenate([*own.values()]))
+        if all((np.diff(rows) == 1).all() for rows in own.values()):  # slices are no copies
+            table = pa.concat_tables([table.slice(rows[0], len(rows)) for rows in own.values()])
+        else:
+            table = table.take(np.concatenate([*own.values()]))
         table = with_column(table, "episode_index", np.repeat([numbers[m] for m in own], [*map(len, own.values())]))
         if "index" in table.column_names:
             table = with_column(table, "index", np.arange(n_steps, n_steps + len(table)))
