@@ -6,6 +6,8 @@ them, or two coins are all there is. Operators are witnesses, too: their names a
 
 from __future__ import annotations
 
+from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +15,7 @@ import numpy as np
 from answer_draws import answered, drawn, mean, rest_of
 from claims import Row, auroc
 from rpil.data.fit_data import Demonstrators
+from rpil.inference.answered import Answered
 from rpil.inference.answers import Answers
 from worlds import Array
 
@@ -35,62 +38,68 @@ def five(good: Array, rng: np.random.Generator) -> Array:
 
 def by_witnesses(sets: list[Row], draws: int) -> list[Row]:
     """Five witnesses and four answers, the same and a coin, a coin and four answers, and answers alone."""
-    kinds = {
-        "four answers": lambda flags, coin: flags[:, :0],
-        "five witnesses": lambda flags, coin: flags,
-        "and a coin": lambda flags, coin: np.column_stack([flags, coin]),
-        "two coins": lambda flags, coin: np.column_stack([coin, coin[::-1]]),
-    }
-    values, words = {kind: [] for kind in kinds}, {kind: np.zeros(3, dtype=int) for kind in kinds}
-    for audit in sets:
-        own = {kind: [] for kind in kinds}
-        for draw in range(draws):
-            rng, good = np.random.default_rng(draw), audit["good"]
-            chosen = drawn(good, N_ANSWERS, rng)
-            if chosen is None:
-                continue
-            truth, rest = np.where(good >= 0, good, rng.integers(0, 2, len(good))), rest_of(audit, chosen)
-            flags, coin = five(truth, rng), rng.integers(0, 2, len(good)).astype(float)
-            labels = np.zeros(len(good), dtype=int)
-            labels[chosen] = 2 * good[chosen] - 1
-            for kind, columns in kinds.items():
-                found = answered(audit, replace(Answers.of_labels(labels), outcomes=columns(flags, coin)))
-                own[kind].append(auroc(good[rest], found.log_odds[rest]))
-                said = found.verdicts[rest]
-                words[kind] += [(said != 0).sum(), (said * (2 * good[rest] - 1) < 0).sum(), len(rest)]
-        for kind, found in own.items():
-            values[kind] += [np.mean(found)] if found else []
-    rows = []
-    for kind, (given, wrong, total) in words.items():
-        rows.append({"what": f"{N_ANSWERS} random labels, {kind}: AUROC of the rest", "figure": mean(values[kind])})
-        figure = f"{given / max(total, 1):.0%} have a verdict, {wrong} of {given} wrong ({wrong / max(given, 1):.1%})"
-        rows.append({"what": f"{N_ANSWERS} random labels, {kind}: verdicts", "figure": figure})
-    return rows
+
+    def found(audit: Row, chosen: Array, rng: np.random.Generator) -> dict[str, Answered]:
+        good = audit["good"]
+        truth = np.where(good >= 0, good, rng.integers(0, 2, len(good)))
+        flags, coin = five(truth, rng), rng.integers(0, 2, len(good)).astype(float)
+        answers = truly(good, chosen)
+        kinds = {
+            "four answers": flags[:, :0],
+            "five witnesses": flags,
+            "and a coin": np.column_stack([flags, coin]),
+            "two coins": np.column_stack([coin, coin[::-1]]),
+        }
+        return {kind: answered(audit, replace(answers, outcomes=columns)) for kind, columns in kinds.items()}
+
+    return counted(sets, draws, N_ANSWERS, found)
 
 
 def by_operators(sets: list[Row], draws: int, count: int) -> list[Row]:
     """Random labels of sets whose operators are known: with their names, with names by chance, and without; and labels
     by a coin with their names."""
-    kinds = ("without operators", "operators named", "operators by chance", "operators named, a coin")
-    values, words = {kind: [] for kind in kinds}, {kind: np.zeros(3, dtype=int) for kind in kinds}
+
+    def found(audit: Row, chosen: Array, rng: np.random.Generator) -> dict[str, Answered]:
+        who, answers = audit["who"], truly(audit["good"], chosen)
+        by_chance = Demonstrators(rng.permutation(who.index), who.names)
+        coins = np.zeros(len(audit["good"]), dtype=int)
+        coins[chosen] = rng.choice([1, -1], count)
+        return {
+            "without operators": answered(audit, answers),
+            "operators named": answered(audit, answers, who=who),
+            "operators by chance": answered(audit, answers, who=by_chance),
+            "operators named, a coin": answered(audit, Answers.of_labels(coins), who=who),
+        }
+
+    return counted([audit for audit in sets if audit["who"].informative], draws, count, found)
+
+
+def truly(good: Array, chosen: Array) -> Answers:
+    """True labels of the `chosen`."""
+    labels = np.zeros(len(good), dtype=int)
+    labels[chosen] = 2 * good[chosen] - 1
+    return Answers.of_labels(labels)
+
+
+def counted(
+    sets: list[Row], draws: int, count: int, found: Callable[[Row, Array, np.random.Generator], dict[str, Answered]]
+) -> list[Row]:
+    """AUROC and verdicts of the rest by each kind of what is `found` from draws of `count` labels."""
+    values, words = defaultdict[str, list[float]](list), defaultdict[str, Array](lambda: np.zeros(3, dtype=int))
     for audit in sets:
-        own = {kind: [] for kind in kinds}
-        for draw in range(draws if audit["who"].informative else 0):
-            rng, good = np.random.default_rng(draw), audit["good"]
+        own, good = defaultdict[str, list[float]](list), audit["good"]
+        for draw in range(draws):
+            rng = np.random.default_rng(draw)
             chosen = drawn(good, count, rng)
             if chosen is None:
                 continue
-            who, rest = audit["who"], rest_of(audit, chosen)
-            by_chance = Demonstrators(rng.permutation(who.index), who.names)
-            for kind, named in zip(kinds, (Demonstrators(), who, by_chance, who), strict=True):
-                labels = np.zeros(len(good), dtype=int)
-                labels[chosen] = rng.choice([1, -1], count) if "coin" in kind else 2 * good[chosen] - 1
-                found = answered(audit, Answers.of_labels(labels), who=named)
-                own[kind].append(auroc(good[rest], found.log_odds[rest]))
-                said = found.verdicts[rest]
+            rest = rest_of(audit, chosen)
+            for kind, one in found(audit, chosen, rng).items():
+                said = one.verdicts[rest]
+                own[kind].append(auroc(good[rest], one.log_odds[rest]))
                 words[kind] += [(said != 0).sum(), (said * (2 * good[rest] - 1) < 0).sum(), len(rest)]
-        for kind, found in own.items():
-            values[kind] += [np.mean(found)] if found else []
+        for kind, of_draws in own.items():
+            values[kind].append(float(np.mean(of_draws)))
     rows = []
     for kind, (given, wrong, total) in words.items():
         rows.append({"what": f"{count} random labels, {kind}: AUROC of the rest", "figure": mean(values[kind])})

@@ -24,7 +24,7 @@ BUDGETS = {
     "estimators": (1799, 18),
     "faults": (2925, 119),
     "formats": (5184, 54),
-    "inference": (2276, 96),
+    "inference": (2275, 96),
     "mixture": (691, 11),
     "numerics": (584, 16),
     "policies": (1267, 49),
@@ -35,7 +35,7 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 23_333, 2_069, 23_969
+LINES, PAGE_LINES, TEST_LINES = 23_332, 2_069, 23_969
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0

@@ -96,9 +96,8 @@ def with_demonstrators(
     columns: Float[Array, "M C"], answers: Answers, index: Int[Array, " M"], scale: float
 ) -> Float[Array, "M D"]:
     """The `columns`, and before the last one those of the demonstrators with these numbers, times `scale`: the mean
-    ranking of the other demonstrations of the same one, and an indicator of each one of whom two demonstrations or more
-    have answers, at most of `MOST_INDICATORS`. So what is said of one demonstration says nothing of its demonstrator.
-    """
+    ranking of a demonstrator's other demonstrations, and an indicator of each demonstrator with two answered ones, of
+    `MOST_INDICATORS` at most. So one answer says nothing of its demonstrator."""
     ranking = columns[:, 0] - columns[:, 0].mean()
     n_others = np.maximum(np.bincount(index)[index] - 1, 1)
     others = (np.bincount(index, ranking)[index] - ranking) / n_others
