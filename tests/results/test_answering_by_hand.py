@@ -73,6 +73,10 @@ def test_a_demonstrator_with_bad_demonstrations_is_evidence_and_trusted_less():
     assert (alone.verdicts[1], of_ann.verdicts[0]) == ("good", "good")
     assert of_ann.log_odds[1] < 0.7 * alone.log_odds[1]
     assert [one.name for one in of_ann.demonstrators] == ["Bob", "Ann"]
+    of_one_side = make_audit(("open",) * 12, lengths=[2] * 12, columns=columns, demonstrators=people).answered(
+        {2: "good"}
+    )
+    assert [one.trust for one in of_one_side.demonstrators] == [None, None]
 
 
 @pytest.mark.parametrize(

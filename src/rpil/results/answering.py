@@ -70,7 +70,7 @@ def with_answers(audit: A, known: Answers) -> A:
         prior=Interval(*expert_share_interval(expit(log_odds), 1.0)),
         identifiable=audit.identifiable or is_decided,
         competing=() if is_decided else audit.competing,
-        demonstrators=rank_demonstrators(who, audit.ids, expit(log_odds)),
+        demonstrators=rank_demonstrators(who, audit.ids, expit(log_odds) if is_decided else None),
         answers=known,
         own_reasons=(),
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),

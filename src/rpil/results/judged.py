@@ -112,7 +112,7 @@ class Demonstrator:
 
     name: Hashable
     trust: Interval | None
-    """The share of good demonstrations, with its 95 % interval; None without answers."""
+    """The share of good demonstrations, with its 95 % interval; None until two answers contrast."""
     demonstrations: tuple[Hashable, ...]
     """Their ids."""
 

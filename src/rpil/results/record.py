@@ -69,7 +69,7 @@ class Audit(AuditResult):
         Sentences: how the audit judged, what else a user should know, and what speaks against verdicts by the
         answers.
     demonstrators : tuple of Demonstrator
-        With answers the most trusted first, without answers no trust; empty if demonstrators were not given.
+        Once two answers contrast, the most trusted first; until then no trust. Empty if demonstrators were not given.
     answers : Answers
         The labels, pairs and outcomes that were given.
     contradicting : tuple of ids
