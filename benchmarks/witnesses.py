@@ -1,7 +1,8 @@
 """Witnesses of unknown reliability and sign beside four answers: rows of benchmarks/answers.py.
 
 Five flags are right of 60 to 90 % of the demonstrations. Two err together, and one is reversed. A coin is added to
-them, or two coins are all there is. Operators are witnesses, too: their names are given, by chance, or not at all.
+them, or two coins or one flag are all there is. Operators are witnesses, too: their names are given, by chance, or not
+at all.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ RIGHT = (0.6, 0.7, 0.75, 0.8, 0.9)
 TOGETHER = 0.8
 """Share of the demonstrations in which the second witness errs where the first one does."""
 N_ANSWERS = 4
+FLAG = 0.8
+"""How often a flag is right."""
 
 
 def five(good: Array, rng: np.random.Generator) -> Array:
@@ -43,12 +46,14 @@ def by_witnesses(sets: list[Row], draws: int) -> list[Row]:
         good = audit["good"]
         truth = np.where(good >= 0, good, rng.integers(0, 2, len(good)))
         flags, coin = five(truth, rng), rng.integers(0, 2, len(good)).astype(float)
-        answers = truly(good, chosen)
+        answers, mostly = truly(good, chosen), np.where(rng.random(len(good)) < FLAG, truth, 1 - truth).astype(float)
         kinds = {
             "four answers": flags[:, :0],
             "five witnesses": flags,
             "and a coin": np.column_stack([flags, coin]),
             "two coins": np.column_stack([coin, coin[::-1]]),
+            "a flag": mostly[:, None],
+            "a flag by a coin": coin[:, None],
         }
         return {kind: answered(audit, replace(answers, outcomes=columns)) for kind, columns in kinds.items()}
 

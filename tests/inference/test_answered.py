@@ -9,14 +9,7 @@ import pytest
 from scipy.special import expit, logit
 
 from hand_made import COLUMNS, answers_of
-from rpil.inference.answered import (
-    Answered,
-    agreement,
-    answer,
-    contradicting,
-    places_to_ask,
-    predicted,
-)
+from rpil.inference.answered import Answered, agreement, answer, contradicting, places_to_ask, predicted
 from rpil.inference.settings import AnswerSettings
 from rpil.inference.witnesses import regression, weigh
 
@@ -64,13 +57,11 @@ def test_a_label_decides_about_its_own_demonstration_and_others_are_judged_by_it
     np.testing.assert_allclose(found.log_odds[is_said], some.labels[is_said] * SURE)
     np.testing.assert_allclose(found.log_odds[~is_said], log_odds_by(some)[~is_said])
     assert (found.contradicting.tolist(), found.count, found.follows) == ([], 6, True)
+    np.testing.assert_array_equal(judged(some, precision=1).log_odds, found.log_odds, "a whole number")
 
 
 def test_verdicts_begin_at_the_limit_of_the_probability():
-    some = answers_of(AGREED)
-    log_odds = judged(some).log_odds
-    assert expit(log_odds[8]) > 0.85
-    assert expit(log_odds[1]) < 0.15
+    some, log_odds = answers_of(AGREED), judged(answers_of(AGREED)).log_odds
     for m in (8, 1):
         at, sign = float(expit(abs(log_odds[m]))), int(np.sign(log_odds[m]))
         assert [judged(some, min_proba=at + more).verdicts[m] for more in (-1e-9, 1e-9)] == [sign, 0]
@@ -90,8 +81,7 @@ def test_answers_act_as_far_as_they_predict_each_other():
         np.testing.assert_array_equal(found.verdicts[some.labels != 0], some.labels[some.labels != 0])
     free = np.array(AS_NOTHING_SAYS) == 0
     nothing = judged(answers_of(AS_NOTHING_SAYS))
-    assert not nothing.follows
-    assert not nothing.verdicts[free].any()
+    assert (nothing.follows, nothing.verdicts[free].any()) == (False, False)
     shrunk = SETTINGS.sharpness * SETTINGS.min_trust * by_columns(answers_of(AS_NOTHING_SAYS))
     np.testing.assert_allclose(nothing.log_odds[free], shrunk[free])
 
@@ -106,8 +96,7 @@ def test_answers_act_as_far_as_they_predict_each_other():
     ],
 )  # fmt: skip
 def test_the_agreement_of_answers_by_hand(evidence, right, n_pairs, expected):
-    found = agreement(np.array(evidence, dtype=float), np.array(right), n_pairs)
-    assert found == pytest.approx(expected)
+    assert agreement(np.array(evidence, dtype=float), np.array(right), n_pairs) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -128,8 +117,7 @@ def test_answers_without_contrast_give_no_other_verdict(one):
 
 def test_two_answers_that_contrast_give_words_and_two_pairs():
     two = judged(answers_of([-1] + [0] * 10 + [1]), min_proba=0.7)
-    assert two.follows
-    assert (two.verdicts[2], two.verdicts[9]) == (-1, 1)
+    assert (two.follows, two.verdicts[2], two.verdicts[9]) == (True, -1, 1)
     pairs = judged(answers_of(pairs=[(11, 0), (10, 1)]), min_proba=0.7)
     assert (pairs.verdicts[0], pairs.verdicts[11]) == (-1, 1)
 
@@ -141,8 +129,7 @@ ENDED = [9.0, NAN, 7.0, NAN, 5.0, NAN, NAN, 3.0, NAN, 2.0, 1.0, NAN]
 @pytest.mark.parametrize("outcome", [ENDED, [ENDED, [float(m % 3) for m in range(12)]]])
 def test_witnesses_are_evidence_beside_what_the_columns_say(outcome):
     some = answers_of(AGREED, outcome=outcome)
-    found = judged(some)
-    free = some.labels == 0
+    found, free = judged(some), some.labels == 0
     np.testing.assert_allclose(found.log_odds[free], log_odds_by(some)[free])
     rows, evidence, _, n_pairs, _ = evidence_of(some)
     expected = weigh(rows, evidence, n_pairs, some.outcomes, SETTINGS)
@@ -162,23 +149,26 @@ def test_an_outcome_alone_gives_words_where_columns_confirm_it():
     columns, outcome, truth = flagged(0.95)
     found = judged(answers_of(m=60, outcome=outcome), columns)
     assert found.follows
-    assert set(found.verdicts * truth) <= {0, 1}
-    assert {-1, 1} <= set(found.verdicts)
+    assert (set(found.verdicts * truth), set(found.verdicts)) == ({0, 1}, {-1, 0, 1})
     columns, coin, _ = flagged(0.5)
     found = judged(answers_of(m=60, outcome=coin), columns)
-    assert not found.follows
-    assert not found.verdicts.any()
+    assert (found.follows, found.verdicts.any()) == (False, False)
     assert judged(answers_of(m=60, outcome=[coin, outcome]), columns).follows, "one is enough"
 
 
-def test_what_failed_is_bad_and_a_label_goes_before_its_flag():
-    outcome = np.array([1.0, 0.0, NAN, 1.0, 0.0] + [NAN] * 6 + [0.0])
-    some = answers_of([0, 0, 0, -1] + [0] * 7 + [1], outcome=outcome)
+def test_what_failed_is_bad_in_its_order_and_a_label_goes_before_its_flag():
+    some = answers_of([0] * 11 + [1], outcome=[1.0, 0.0, NAN, 1.0, 0.0] + [NAN] * 6 + [0.0])
+    found, alone = judged(some), by_columns(some) + evidence_of(some)[-1]
+    expected = np.append(alone[0], np.log(ERROR / (1 - ERROR) * expit(alone[[1, 4]])))
+    np.testing.assert_allclose(found.log_odds[[0, 1, 4, 11]], np.append(expected, SURE))
+    assert (found.verdicts[[0, 1, 4, 11]].tolist(), found.count) == ([0, -1, -1, 1], 5)
+
+
+def test_a_flag_that_labels_contradict_is_not_obeyed():
+    some = answers_of([0, 0, 0, -1] + [0] * 7 + [1], outcome=[1.0, 0.0, NAN, 1.0, 0.0] + [NAN] * 6 + [0.0])
     found = judged(some)
-    assert found.log_odds[0] == pytest.approx(log_odds_by(some)[0])
-    for m, sign in ((1, -1), (4, -1), (11, 1), (3, -1)):
-        assert (found.log_odds[m], found.verdicts[m]) == (pytest.approx(sign * SURE), sign)
-    assert found.count == 5  # two labels, and the flags of three others
+    assert (found.witnesses.heard, found.verdicts[[0, 1, 4]].tolist()) == ((0,), [0, 0, 0])
+    np.testing.assert_allclose(found.log_odds[[0, 1, 4]], log_odds_by(some)[[0, 1, 4]])
 
 
 def test_probabilities_stay_away_from_certainty():
@@ -199,10 +189,9 @@ def test_labels_are_named_that_the_others_make_improbable():
     proba = ERROR + (1 - 2 * ERROR) * expit(-by_columns(without)[11])
     for limit, named in ((proba * 1.001, [11]), (proba * 0.999, [])):
         assert judged(some, max_contradicted_proba=limit).contradicting.tolist() == named
-    assert judged(some, min_other_answers=6).contradicting.tolist() == [11]  # of seven
-    assert judged(some, min_other_answers=7).contradicting.tolist() == []
-    found = judged(some)
-    assert (found.verdicts[11], found.log_odds[11]) == (-1, pytest.approx(-SURE))
+    for least, named in ((6, [11]), (7, [])):  # of seven
+        assert judged(some, min_other_answers=least).contradicting.tolist() == named
+    assert (judged(some).verdicts[11], judged(some).log_odds[11]) == (-1, pytest.approx(-SURE))
 
 
 @pytest.mark.parametrize(("n_answers", "named"), [(4, []), (5, [7]), (9, [7]), (10, [2, 7]), (15, [2, 7])])
@@ -250,14 +239,13 @@ def places(log_odds, chosen):
 
 def asked(ranking, labels, k, said=None, now=None):
     """The demonstrations that are asked about next; `said` are those of which something else is known."""
-    labels, none = np.array(labels, dtype=np.int64), np.zeros(len(labels), dtype=bool)
-    is_said = (labels != 0) | (none if said is None else said)
+    labels = np.array(labels, dtype=np.int64)
+    is_said = (labels != 0) | (False if said is None else said)
     return places_to_ask(ranking, ranking if now is None else now, labels, is_said, SETTINGS, k)
 
 
 def test_labels_are_asked_for_at_fixed_places_of_the_ranking():
-    log_odds = np.random.default_rng(0).permutation(101).astype(float)
-    labels = np.zeros(101, dtype=np.int64)
+    log_odds, labels = np.random.default_rng(0).permutation(101).astype(float), np.zeros(101, dtype=np.int64)
     chosen = asked(log_odds, labels, 14)
     fixed = [0.1, 0.95, 0.3, 0.55, 0.03, 0.75, 0.2, 0.4]
     # and 8 to 13 times .618, of which the nearest, .95 and .55, are taken
@@ -302,9 +290,11 @@ def test_a_copy_confirms_nothing():
     np.testing.assert_array_equal(found.log_odds, once.log_odds[EVERY])
     np.testing.assert_array_equal(found.verdicts, EVERY == 11)
     assert found.count == 1
-    for pairs, tied, pair in (([(11, 0), (12, 0), (13, 14), (11, 12)], (), [(11, 0)]), ((), [(11, 0), (14, 13)], ())):
-        found = about_copies(pairs=pairs, tied=tied)
-        once = judged(answers_of(pairs=pair, tied=() if pair else [(0, 11)]))
+    for copied, told in (
+        ({"pairs": [(11, 0), (12, 0), (13, 14), (11, 12)]}, {"pairs": [(11, 0)]}),
+        ({"tied": [(11, 0), (14, 13)]}, {"tied": [(0, 11)]}),
+    ):
+        found, once = about_copies(**copied), judged(answers_of(**told))
         np.testing.assert_array_equal(found.log_odds, once.log_odds[EVERY])
         assert found.count == 1
 
@@ -327,11 +317,9 @@ def test_a_tie_is_between_a_win_and_a_loss_and_neither_is_the_first(others):
 
 def test_ties_across_take_words_that_ties_of_neighbours_leave():
     wins = [(11, 0), (10, 1)]
-    alone, across, beside = (
-        judged(answers_of(pairs=wins, tied=tied)).log_odds[11] for tied in ([], [(11, 0), (10, 1)], [(0, 1), (10, 11)])
-    )
-    assert across < 0.6 * alone
-    assert beside > 0.9 * alone
+    cases = [], [(11, 0), (10, 1)], [(0, 1), (10, 11)]
+    alone, across, beside = (judged(answers_of(pairs=wins, tied=tied)).log_odds[11] for tied in cases)
+    assert across < 0.6 * alone < 0.9 * alone < beside
 
 
 def test_ties_of_copies_count_once_or_say_nothing():

@@ -60,13 +60,24 @@ def test_answers_contrast_where_there_are_two_and_both_sides(answers, sides, con
 
 def test_a_flag_of_zero_is_said_of_its_demonstration_and_of_copies_without_one():
     known = answers_of([0, 0, 0, 1], outcome=[0.0, 1.0, NAN, 0.0])
-    assert known.failed.tolist() == [True, False, False, True]
-    assert known.said.tolist() == [-1, 0, 0, 1]
-    assert known.shared(np.array([0, 1, 0, 3])).said.tolist() == [-1, 0, -1, 1]
-    assert answers_of([0] * 3, outcome=[0.0, 1.0, 2.0]).said.tolist() == [0] * 3, "no flag"
-    assert answers_of([0] * 3, outcome=[0.0, 1.0, 2.0]).select([0, 1]).said.tolist() == [0] * 2, "nor are some of them"
-    assert answers_of(m=2, outcome=[[0.0, 1.0]] * 2).said.tolist() == [0, 0], "nor is one of several"
-    assert answers_of([-1, 0]).said.tolist() == [-1, 0]
+    likely = np.full(4, 3.0)
+    assert known.failed(likely).tolist() == [True, False, False, True]
+    assert known.said(likely).tolist() == [-1, 0, 0, 1]
+    assert known.shared(np.array([0, 1, 0, 3])).said(likely).tolist() == [-1, 0, -1, 1]
+    numbers = answers_of([0] * 3, outcome=[0.0, 1.0, 2.0])
+    assert numbers.said(np.zeros(3)).tolist() == [0] * 3, "no flag"
+    assert numbers.select([0, 1]).said(np.zeros(2)).tolist() == [0] * 2, "nor are some of them"
+    assert answers_of(m=2, outcome=[[0.0, 1.0]] * 2).said(np.zeros(2)).tolist() == [0, 0], "nor is one of several"
+    assert answers_of([-1, 0]).said(np.zeros(2)).tolist() == [-1, 0]
+
+
+def test_once_labels_or_pairs_contrast_a_flag_is_obeyed_where_they_confirm_it_and_good_is_not_likely():
+    outcome, log_odds = [0.0, 0.0, 0.0, 1.0, NAN], np.array([-1.0, 0.0, 0.1, -1.0, -1.0])
+    labelled, compared = answers_of([0, 0, 0, 1, -1], outcome=outcome), answers_of(m=5, pairs=[(3, 4)], outcome=outcome)
+    for known in (labelled, compared, answers_of(m=5, tied=[(3, 4)], outcome=outcome)):
+        assert known.failed(log_odds).tolist() == [True, True, False, False, False]
+        assert replace(known, heard=(1,)).failed(log_odds).tolist() == [True, True, False, False, False]
+        assert not replace(known, heard=(0,)).failed(log_odds).any()
 
 
 @pytest.mark.parametrize(
@@ -87,12 +98,12 @@ def test_rows_are_all_demonstrations_then_differences_of_pairs_and_ties_both_way
 
 
 def test_outcomes_that_count_for_nothing_are_no_side_and_a_turned_flag_is_not_obeyed():
-    flags = answers_of(m=4, outcome=[1.0, 0.0, 1.0, 0.0])
-    assert (flags.contrast, flags.failed.tolist()) == (True, [False, True, False, True])
+    flags, likely = answers_of(m=4, outcome=[1.0, 0.0, 1.0, 0.0]), np.full(4, 3.0)
+    assert (flags.contrast, flags.failed(likely).tolist()) == (True, [False, True, False, True])
     unheard = replace(flags, heard=(0,))
-    assert (unheard.contrast, unheard.failed.tolist()) == (False, [False, True, False, True])
+    assert (unheard.contrast, unheard.failed(likely).tolist()) == (False, [False, True, False, True])
     turned = replace(flags, heard=(-1,))
-    assert (turned.contrast, turned.failed.any()) == (True, False)
+    assert (turned.contrast, turned.failed(likely).any()) == (True, False)
 
 
 def test_copies_with_labels_that_contradict_each_other_are_refused_in_one_sentence():

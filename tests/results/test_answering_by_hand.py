@@ -204,12 +204,13 @@ def test_contradicting_labels_are_looked_at_before_outliers_a_group_apart_and_th
 def test_each_rule_rejects_its_own():
     """The labels of the first two, pairs in which 2 and 3 are worse than 0, a copy of 2, and two that failed."""
     words = ("bad", "bad", "open", "open", "bad", "open", "open", "open", "adversary")
-    log_odds = np.array([-1.0, -1.0, -1.0, 1.0, -1.0, 0.0, -5.0, 1.0, -1.0])
+    log_odds = np.array([-1.0, -1.0, -1.0, 1.0, -1.0, 0.0, -5.0, -1.0, -1.0])
     labels, pairs = np.array([1, -1, 0, 0, 0, 0, 0, 0, 0]), np.array([[0, 2], [0, 3]])
     flags = np.array([[0.0], [np.nan], *[[1.0]] * 4, [np.nan], [0.0], [1.0]])
     known = Answers(labels, pairs, flags, names=("success",))
     audit = make_audit(words, log_odds=log_odds, answers=known, copy_of=np.array([0, 1, 2, 3, 4, 2, 6, 7, 8]))
     expected = ("", "labels", "answers", "", "answers", "answers", "", "outcome", "adversary")
     assert rejecting_rules(audit) == expected
+    assert rejecting_rules(replace(audit, log_odds=np.abs(log_odds)))[7] == "", "answers speak for it"
     alone = replace(audit, answers=Answers.of_labels(np.minimum(labels, 0)))
     assert rejecting_rules(alone) == ("", "labels", *[""] * 6, "adversary"), "until two answers contrast"

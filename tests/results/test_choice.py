@@ -150,7 +150,7 @@ def test_an_outcome_of_zero_rejects_and_is_named():
 def test_the_file_of_an_audit_says_the_same_as_the_audit(tmp_path):
     ids = ["a\nb", 'say "x"', "é", "01", "=1", " a", "a ", "\x85", "+5", "\u2028,"]
     path = tmp_path / "verdicts.csv"
-    flags = np.array([0.0, *[np.nan] * 7, 1.0, np.nan])[:, None]
+    flags = np.array([1.0, *[np.nan] * 7, 0.0, np.nan])[:, None]
     known = Answers(np.zeros(10, dtype=np.int64), np.array([[0, 9]]), flags)
     for labels in ({}, {"é": 1, "01": -1}):
         words = ("good",) * 4 + ("open",) * 3 + ("bad",) * 3

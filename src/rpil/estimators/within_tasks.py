@@ -130,7 +130,7 @@ def fit_within_tasks(
         of_two = f"{pairs} demonstrations of different {what}, and {are} left out."
         warnings.warn(f"{stated.answers_source}: {of_two}", stacklevel=1)
     if not keeps_policy and audit.anchor != "named adversary" and stated.answers.contrast:
-        told = np.repeat(stated.answers.said < 0, audit.lengths)  # bad, also in a task where nobody is called good
+        told = np.repeat(stated.answers.said(audit.log_odds) < 0, audit.lengths)  # bad, also where nobody is good
         weight = np.where(told, np.repeat(audit.expert_proba, audit.lengths), audit.step_weight)
         audit = replace(audit, step_weight=weight / weight.mean())
     return _with_facts(audit, recording, stated), fits

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.constants import golden
-from scipy.special import expit, logit
+from scipy.special import expit, log_expit, logit
 
 from rpil.data.fit_data import Demonstrators
 from rpil.inference.answers import Answers
@@ -57,13 +57,12 @@ def answer(
     """P(good) of every demonstration, by its `columns` and by `who` gave it; `copy_of` is the first of the copies of
     each.
 
-    Each has the verdict of its label, or is bad where a flag says so; labels that other answers contradict are named.
-    Others have a verdict once answers contrast and predict each other. Copies are judged as one demonstration, by what
-    is known of any of them.
+    Each has the verdict of its label; labels that other answers contradict are named. One that failed by its flag is
+    bad, but once labels or pairs contrast only where P(good) is below 1/2. Others have a verdict once answers contrast
+    and predict each other. Copies are judged as one demonstration, by what is known of any of them.
     """
     _, first, place = np.unique(copy_of, return_index=True, return_inverse=True)
-    once = answers.once(copy_of)
-    columns = columns[first]
+    once, columns = answers.once(copy_of), columns[first]
     if who.informative:
         named = np.argsort([who.names[u] is None for u in who.index], kind="stable")  # of copies the first with a name
         index = who.index[named[np.unique(place[named], return_index=True)[1]]]
@@ -84,9 +83,11 @@ def answer(
     follows = once.contrast and (trust > settings.min_trust if both else any(witnesses.heard))
     limit = logit(settings.min_proba) if follows else np.inf
     verdicts = (log_odds >= limit).astype(int) - (log_odds <= -limit)
-    said = replace(answers, heard=witnesses.heard).shared(copy_of).said
-    log_odds = np.where(said == 0, log_odds[place], said * logit(1 - settings.min_proba_bound))
+    known, log_odds = replace(answers, heard=witnesses.heard).shared(copy_of), log_odds[place]
+    said = known.said(log_odds)
     verdicts = np.where(said == 0, verdicts[place], said)
+    log_odds = np.where(said == 0, log_odds, log_expit(log_odds) - logit(1 - settings.error))  # failed, in their order
+    log_odds = np.where(known.labels == 0, log_odds, known.labels * logit(1 - settings.min_proba_bound))
     doubtful = contradicting(once, right[: np.count_nonzero(once.labels)], settings)
     named = np.flatnonzero(np.isin(place, doubtful) & (answers.labels != 0))
     return Answered(log_odds, verdicts, named, once.count, bool(follows), witnesses)

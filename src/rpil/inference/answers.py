@@ -112,13 +112,13 @@ class Answers:
         flags = [k for k, values in enumerate(self.outcomes.T) if {*values[np.isfinite(values)].tolist()} <= {0.0, 1.0}]
         return flags[0] if len(flags) == 1 else -1
 
-    @property
-    def failed(self) -> Bool[Array, " M"]:
-        """Demonstrations whose only flag is 0, unless all else turns it."""
-        k = self.only_flag
-        if k < 0 or (self.heard is not None and self.heard[k] < 0):
+    def failed(self, log_odds: Float[Array, " M"]) -> Bool[Array, " M"]:
+        """Demonstrations whose only flag is 0, unless all else turns it. Once labels or pairs contrast, they must
+        confirm it, and the `log_odds` of good must not be above 0."""
+        k, is_told = self.only_flag, len(self.compared) > 0 or {*self.labels.tolist()} >= {1, -1}
+        if k < 0 or (self.heard is not None and self.heard[k] < int(is_told)):
             return np.zeros(len(self.labels), dtype=bool)
-        return np.asarray(self.outcomes[:, k] == 0)
+        return np.asarray((self.outcomes[:, k] == 0) & ((log_odds <= 0) | (not is_told)))
 
     @property
     def failure(self) -> str:
@@ -126,10 +126,9 @@ class Answers:
         name = self.names[max(self.only_flag, 0)] if self.names else "outcome"
         return f"{name.removeprefix('-')} = {int(name.startswith('-'))}"
 
-    @property
-    def said(self) -> Int[Array, " M"]:
+    def said(self, log_odds: Float[Array, " M"]) -> Int[Array, " M"]:
         """The labels, and -1 for those without one that `failed`."""
-        return np.where(self.failed & (self.labels == 0), -1, self.labels)
+        return np.where(self.failed(log_odds) & (self.labels == 0), -1, self.labels)
 
     def once(self, copy_of: Int[Array, " M"]) -> Answers:
         """Answers about the K different demonstrations: one label, the mean outcome, and pairs, each once."""

@@ -89,7 +89,7 @@ def rejecting_rules(audit: Judged) -> tuple[str, ...]:
     known, verdicts, first = audit.answers.shared(audit.copy_of), np.array(audit.verdicts), audit.copy_of
     worse = np.isin(first, first[known.pairs[:, 1]]) & (audit.log_odds <= 0)
     is_bad = ((verdicts == "bad") | worse) & audit.answers.once(first).contrast
-    rules = {"": known.labels > 0, "outcome": known.failed, "labels": known.labels < 0}
+    rules = {"": known.labels > 0, "outcome": known.failed(audit.log_odds), "labels": known.labels < 0}
     rules |= {"adversary": verdicts == "adversary", "answers": is_bad}
     return tuple(np.select([*rules.values()], [*rules], "").tolist())
 
@@ -212,7 +212,7 @@ def suggest_labels(audit: Judged, k: int = 3) -> tuple[Hashable, ...]:
     first = np.unique(audit.copy_of, return_index=True)[1]
     known, settings = audit.answers.once(audit.copy_of), audit.settings.judge.answers
     ranking, log_odds = audit.from_actions[first], audit.log_odds[first]
-    chosen = places_to_ask(ranking, log_odds, known.labels, known.said != 0, settings, k)
+    chosen = places_to_ask(ranking, log_odds, known.labels, known.said(log_odds) != 0, settings, k)
     return tuple(audit.ids[m] for m in first[chosen].tolist())
 
 

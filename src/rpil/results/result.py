@@ -234,7 +234,7 @@ class AuditResult(Judged):
 def look_first(audit: AuditResult, faulty: Collection[Hashable] = ()) -> list[int]:
     """Demonstrations without a label to look at first: the `faulty` ones, then the first in the order of looking."""
     at, order = {name: m for m, name in enumerate(audit.ids)}, looking_order(audit)[0]
-    known = {*np.flatnonzero(audit.answers.shared(audit.copy_of).said).tolist()}
+    known = {*np.flatnonzero(audit.answers.shared(audit.copy_of).said(audit.log_odds)).tolist()}
     first = dict.fromkeys(m for m in (*(at[name] for name in faulty if name in at), *order) if m not in known)
     return [*first][: n_first(len(audit.ids))]
 

@@ -79,7 +79,7 @@ def of_demonstrations(audit: Judged) -> Float[Array, " M"]:
     if not audit.settings.weighs_for_learner:
         acts = audit.anchor == "answers" and once.contrast
         return proba / np.average(proba, weights=audit.lengths) if acts else np.ones(len(proba))
-    said, verdicts = audit.answers.shared(audit.copy_of).said, np.array(audit.verdicts)
+    said, verdicts = audit.answers.shared(audit.copy_of).said(audit.log_odds), np.array(audit.verdicts)
     side, known, (better, worse) = 0, audit.answers, audit.answers.pairs.T  # each task has parts of its own
     good, bad = np.append(np.flatnonzero(known.labels > 0), better), np.append(np.flatnonzero(known.labels < 0), worse)
     if not audit.within and len(good) and len(bad) and once.contrast:

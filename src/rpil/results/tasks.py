@@ -149,7 +149,7 @@ def _with_labels_alone(audit: Audit, alone: Sequence[int], for_learner: bool) ->
     """The audit where the demonstrations numbered `alone`, which were not judged, have the verdicts of their labels or
     flags, and for the learner the weights."""
     known, signs = audit.answers, np.zeros(len(audit.ids), dtype=np.int64)
-    signs[alone] = known.said[alone]
+    signs[alone] = known.said(audit.log_odds)[alone]
     verdicts, reasons, rules = [*audit.verdicts], [*audit.reasons], [*(audit.rejected_by or ("",) * len(signs))]
     for m in np.flatnonzero(signs):
         verdicts[m] = "good" if signs[m] > 0 else "bad"
