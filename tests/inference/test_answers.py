@@ -31,8 +31,7 @@ def test_answers_about_some_of_the_demonstrations():
     ends = [[NAN, 2.0, 3.0, 4.0], [1.0, NAN, 0.0, 1.0]]
     some = answers_of([1, 0, -1, 0], [(0, 1), (3, 2), (2, 0)], ends, tied=[(0, 3), (1, 3)]).select([2, 0, 3])
     assert some.labels.tolist() == [-1, 1, 0]
-    assert some.pairs.tolist() == [[2, 0], [0, 1]]
-    assert some.tied.tolist() == [[1, 2]]
+    assert (some.pairs.tolist(), some.tied.tolist()) == ([[2, 0], [0, 1]], [[1, 2]])
     np.testing.assert_array_equal(some.outcomes, [[3.0, 0.0], [NAN, 1.0], [4.0, 1.0]])
     assert some.names == ("outcome", "other")
     assert answers_of([1, 0], [(0, 1)]).select([1]).pairs.shape == (0, 2)
@@ -71,13 +70,17 @@ def test_a_flag_of_zero_is_said_of_its_demonstration_and_of_copies_without_one()
     assert answers_of([-1, 0]).said(np.zeros(2)).tolist() == [-1, 0]
 
 
-def test_once_labels_or_pairs_contrast_a_flag_is_obeyed_where_they_confirm_it_and_good_is_not_likely():
+def test_once_others_speak_a_flag_is_obeyed_where_good_is_unlikely_and_none_with_a_0_is_called_good():
     outcome, log_odds = [0.0, 0.0, 0.0, 1.0, NAN], np.array([-1.0, 0.0, 0.1, -1.0, -1.0])
-    labelled, compared = answers_of([0, 0, 0, 1, -1], outcome=outcome), answers_of(m=5, pairs=[(3, 4)], outcome=outcome)
-    for known in (labelled, compared, answers_of(m=5, tied=[(3, 4)], outcome=outcome)):
-        assert known.failed(log_odds).tolist() == [True, True, False, False, False]
-        assert replace(known, heard=(1,)).failed(log_odds).tolist() == [True, True, False, False, False]
-        assert not replace(known, heard=(0,)).failed(log_odds).any()
+    two, both = answers_of([0, 0, 0, 1, -1], outcome=outcome), answers_of(m=5, outcome=[outcome, [1, 2, 3, 4, 5]])
+    speaks = [two, answers_of([-1, 0, 0, 1, 0], outcome=outcome)]
+    speaks += [answers_of(m=5, outcome=outcome, **{kind: [(3, 4)]}) for kind in ("pairs", "tied")]
+    cases = [(one, heard, 2) for one in speaks for heard in (None, (1,), (0,))]
+    denied = [answers_of([1, 0, 0, 0, -1], outcome=outcome), answers_of(m=5, pairs=[(0, 4), (0, 1)], outcome=outcome)]
+    cases += [(one, heard, n) for one in denied for heard, n in (((1,), 2), ((0,), 0))]
+    cases += [(both, (1, 0), 3), (both, (0, 1), 2), (both, (1, -1), 2), (both, (-1, 1), 0)]
+    for known, heard, n in cases:
+        assert replace(known, heard=heard).failed(log_odds).tolist() == [m < n for m in range(5)], (known, heard)
 
 
 @pytest.mark.parametrize(
@@ -93,17 +96,14 @@ def test_rows_are_all_demonstrations_then_differences_of_pairs_and_ties_both_way
     rows, n_pairs = some.rows(columns)
     assert rows[:4].tolist() == [[1, 1, 2], [1, 3, 5], [1, 7, 11], [1, 13, 17]]
     assert rows[4:].tolist() == [[0, -6, -9], [0, 10, 12], [0, 2, 3], [0, -2, -3]]
-    assert n_pairs == 4
-    assert some.evidence(3.0).tolist() == [0, -3, 0, 3, 3, 3, 3, 3]
+    assert (n_pairs, some.evidence(3.0).tolist()) == (4, [0, -3, 0, 3, 3, 3, 3, 3])
 
 
 def test_outcomes_that_count_for_nothing_are_no_side_and_a_turned_flag_is_not_obeyed():
     flags, likely = answers_of(m=4, outcome=[1.0, 0.0, 1.0, 0.0]), np.full(4, 3.0)
-    assert (flags.contrast, flags.failed(likely).tolist()) == (True, [False, True, False, True])
-    unheard = replace(flags, heard=(0,))
-    assert (unheard.contrast, unheard.failed(likely).tolist()) == (False, [False, True, False, True])
-    turned = replace(flags, heard=(-1,))
-    assert (turned.contrast, turned.failed(likely).any()) == (True, False)
+    for heard, contrast, obeyed in ((None, True, True), ((0,), False, True), ((-1,), True, False)):
+        one = replace(flags, heard=heard)
+        assert (one.contrast, one.failed(likely).tolist()) == (contrast, [False, obeyed, False, obeyed])
 
 
 def test_copies_with_labels_that_contradict_each_other_are_refused_in_one_sentence():

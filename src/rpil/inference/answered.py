@@ -54,12 +54,10 @@ def answer(
     copy_of: Int[Array, " M"],
     who: Demonstrators = NOBODY,
 ) -> Answered:
-    """P(good) of every demonstration, by its `columns` and by `who` gave it; `copy_of` is the first of the copies of
-    each.
+    """P(good) of every demonstration, by its `columns` and by `who` gave it; `copy_of` is the first of its copies.
 
-    Each has the verdict of its label; labels that other answers contradict are named. One that failed by its flag is
-    bad, but once labels or pairs contrast only where P(good) is below 1/2. Others have a verdict once answers contrast
-    and predict each other. Copies are judged as one demonstration, by what is known of any of them.
+    Each has the verdict of its label, or is bad if it `failed`; labels that other answers contradict are named. Others
+    have a verdict once answers contrast and predict each other. Copies are judged as one, by what is known of any.
     """
     _, first, place = np.unique(copy_of, return_index=True, return_inverse=True)
     once, columns = answers.once(copy_of), columns[first]

@@ -113,12 +113,15 @@ class Answers:
         return flags[0] if len(flags) == 1 else -1
 
     def failed(self, log_odds: Float[Array, " M"]) -> Bool[Array, " M"]:
-        """Demonstrations whose only flag is 0, unless all else turns it. Once labels or pairs contrast, they must
-        confirm it, and the `log_odds` of good must not be above 0."""
-        k, is_told = self.only_flag, len(self.compared) > 0 or {*self.labels.tolist()} >= {1, -1}
-        if k < 0 or (self.heard is not None and self.heard[k] < int(is_told)):
+        """Demonstrations whose only flag is 0, where P(good) is 1/2 at most once labels or pairs contrast, or another
+        outcome counts. None where all else turns it, or does not confirm it though one with a 0 is called good."""
+        k, heard, is_told = self.only_flag, self.heard, len(self.compared) > 0 or {*self.labels.tolist()} >= {1, -1}
+        if k < 0:
             return np.zeros(len(self.labels), dtype=bool)
-        return np.asarray((self.outcomes[:, k] == 0) & ((log_odds <= 0) | (not is_told)))
+        zero = np.asarray(self.outcomes[:, k] == 0)
+        denies = (self.labels[zero] > 0).any() or (zero[self.pairs] == [True, False]).all(axis=1).any()
+        speaks = is_told or bool(np.delete(heard or [0], k if heard else 0).any())
+        return zero & ((log_odds <= 0) | (not speaks)) & (heard is None or heard[k] >= int(is_told and denies))
 
     @property
     def failure(self) -> str:
@@ -175,6 +178,5 @@ def check_copied_labels(
     good, bad = (np.flatnonzero(answers.labels == label) for label in (1, -1))
     for m in good[np.isin(copy_of[good], copy_of[bad])].tolist():
         other = bad[copy_of[bad] == copy_of[m]][0]
-        raise DataError(
-            f"{source}: {ids[m]!r} is labelled good and {ids[other]!r}, a copy of it, bad; change one of the labels."
-        )
+        said = f"{ids[m]!r} is labelled good and {ids[other]!r}, a copy of it, bad; change one of the labels."
+        raise DataError(f"{source}: {said}")
