@@ -49,7 +49,7 @@ def test_labels_csv(tmp_path, header):
         ("l.csv", "id,label\n7\n", "demonstration '7': unknown label ''"),
         ("l.csv", "id,label\n7,good\n7,bad\n", "demonstration '7': it is labelled twice"),
         ("l.csv", "id,label\n", "labels no demonstration"),
-        ("l.csv", "7,good\n", "must be id and label .*'7', 'good'"),
+        ("l.csv", "7,good\n", "no column is called 'id', 'label'; rename one .found '7', 'good'"),
         ("l.csv", 'id,label\n"7,good\n', "cannot be read as CSV"),
         ("l.csv", "", "the file is empty"),
         ("l.json", "", "use one of .csv"),
@@ -128,7 +128,7 @@ def test_reading_demonstrators(tmp_path):
         ("nothing", "data.csv", "no column is called 'nothing'"),
         ("n", "each.npz", r"shape \(2, 2\)"),
         (str(tmp_path / "missing.csv"), "data.csv", "no such file"),
-        (str(tmp_path / "data.csv"), "data.csv", "columns must be id and demonstrator"),
+        (str(tmp_path / "data.csv"), "data.csv", "no column is called 'demonstrator'"),
     ):
         with pytest.raises(DataError, match=match):
             demonstrators_of(where, tmp_path / file)
@@ -138,7 +138,7 @@ def test_reading_demonstrators(tmp_path):
     ("name", "content", "match"),
     [
         ("nobody.csv", "id,demonstrator\n", "it names no demonstrator; give at least one"),
-        ("column.csv", "id,who\n0,Ann\n", "the columns must be id and demonstrator .found 'id', 'who'"),
+        ("column.csv", "id,who\n0,Ann\n", "no column is called 'demonstrator'; rename one .found 'id', 'who'"),
         ("two.csv", "id,demonstrator\n0,Ann\n0,Bob\n", "demonstration '0': both 'Ann' and 'Bob' gave it; name one"),
         ("short.csv", "id,demonstrator\n0\n", "demonstration '0': it has no demonstrator; name one, or leave it out"),
         ("long.csv", "id,demonstrator\n0,Ann,Bob\n", "line 2: it has more values than there are columns; give"),

@@ -61,7 +61,7 @@ def test_outcomes_by_id_leave_others_unknown(tmp_path):
 
 @pytest.mark.parametrize(
     ("given", "words"),
-    [({"d": 1.0}, "no demonstration is called 'd'"), ([1, 2], r"shape \(2,\)"), (["x", 1, 2], "no number")],
+    [({"d": 1.0}, "demonstration is called 'd'"), ([1, 2], r"e \(2,\)"), ([1, None, "x"], "'c': the outcome 'x' is")],
 )
 def test_wrong_outcomes_are_refused(given, words):
     with refused(words):

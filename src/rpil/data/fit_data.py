@@ -218,7 +218,10 @@ def given_outcome(
     try:
         values = np.array(each, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise DataError(f"{source}: outcome holds what is no number; give a number for each demonstration.") from error
+        numbers = int | float | np.number | np.bool_ | None  # of these None is unknown
+        name, value = next(pair for pair in zip(ids, each, strict=True) if not isinstance(pair[1], numbers))
+        said = f"the outcome {value!r:.40} is no number; write one, such as 1 for a success and 0 for a failure"
+        raise DataError(f"{source}, demonstration {name!r}: {said}.") from error
     return check_outcome(values, "the outcome", source)
 
 

@@ -43,10 +43,15 @@ class AnswerRow(NamedTuple):
         return not str(self.start) == str(self.end) == ""
 
     @property
+    def about(self) -> frozenset[str]:
+        """The ids of the demonstrations that it is about."""
+        return frozenset((self.id, (_compared(self.label) or ("", self.id))[1]))
+
+    @property
     def question(self) -> tuple[object, ...] | frozenset[str]:
         """Its subject; two answers about the same exclude each other."""
         rows = self.id, *(str(row).removesuffix(".0") for row in (self.start, self.end))
-        return rows if self.is_mark else same_question(self.id, self.label)
+        return rows if self.is_mark else self.about
 
 
 _LABELS: dict[str, Label] = {"good": "good", "bad": "bad", "expert": "good", "adversary": "bad"}
@@ -122,10 +127,8 @@ def parse_answers(rows: Sequence[AnswerRow], source: str) -> tuple[dict[str, Lab
         if compared := _compared(word):
             _add_pair(pairs, (m, compared[1]), compared[0], source)
         elif label is None and word != CANNOT_TELL:  # which was written for its note
-            raise DataError(
-                f"{source}, demonstration {m!r}: unknown label {quoted([word])}; write 'good', 'bad', 'better than "
-                "ID' or 'same as ID', and leave out the demonstrations you cannot judge."
-            )
+            known = "'good', 'bad', 'better than ID' or 'same as ID', and leave out the demonstrations you cannot judge"
+            raise DataError(f"{source}, demonstration {m!r}: unknown label {quoted([word])}; write {known}.")
         elif m in labels:
             raise DataError(f"{source}, demonstration {m!r}: it is labelled twice; keep one of the labels.")
         elif label is not None:
@@ -176,12 +179,6 @@ def write_answers(path: StrPath, before: bytes | None, answers: Sequence[AnswerR
         csv.writer(lines, delimiter=comma, lineterminator="\n", quoting=quoting).writerow(cells)
     with replacing(path) as temporary:
         temporary.write_bytes(BOM_UTF8 * old.startswith(BOM_UTF8) + lines.getvalue().encode())
-
-
-def same_question(m: str, word: object) -> frozenset[str]:
-    """The ids of the demonstrations that an answer is about; two answers about the same ones exclude each other."""
-    _, other = _compared(word) or ("", m)
-    return frozenset((m, other))
 
 
 def _compared(word: object) -> tuple[Relation, str] | None:
@@ -248,8 +245,8 @@ def read_id_pairs(path: StrPath, column: str, more: Sequence[str] = ()) -> list[
         others = [name for name in names if name.strip().lower() in _OF_ROWS and name not in ("start", "end")]
         if more and others:
             raise DataError(f"{path.name}: call the columns of rows start and end (found {quoted(others)}).")
-        if not id_column or column not in names:
-            raise DataError(f"{path.name}: the columns must be id and {column} (found {quoted(names)}).")
+        if missing := [*["id"] * (not id_column), *[column] * (column not in names)]:
+            raise DataError(f"{path.name}: no column is called {quoted(missing)}; rename one (found {quoted(names)}).")
         pairs: list[IdRow] = []
         for row in rows:
             m, value, *others = (from_cell(row.get(name) or "") for name in (id_column, column, *more))

@@ -102,7 +102,7 @@ class Session:
         self._most, self._written = most, before
         ids = {*map(str, start.ids)}
         rows = [] if before is None else id_values.read_answer_rows(path)
-        self.said = self._before = [row for row in rows if id_values.same_question(row.id, row.label) <= ids]
+        self.said = self._before = [row for row in rows if row.about <= ids]
 
     @property
     def is_as_written(self) -> bool:
