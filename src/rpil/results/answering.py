@@ -13,7 +13,7 @@ from scipy.special import expit
 from rpil.data.errors import DataError
 from rpil.data.fit_data import Demonstrators
 from rpil.data.id_values import Relation, check_ids, label_rows, label_signs, match_pairs, parse_answers, parse_marks
-from rpil.data.text import printable
+from rpil.data.text import counted, printable
 from rpil.inference.answered import Answered, answer, places_to_ask
 from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import DECIDED
@@ -139,25 +139,25 @@ def verdicts_of(verdicts: Int[Array, " M"], anchor: str, stays: Int[Array, " M"]
 
 
 def doubts_of_answers(found: Answered, known: Answers, contrast: bool) -> Iterator[str]:
-    """Sentences that speak against verdicts by these answers, also on the outcomes that the other answers contradict,
-    or do not confirm; numbers that are given in Python are called outcome alone."""
+    """Sentences that speak against verdicts by these answers, also on outcomes that the others do not bear out."""
     if found.count == 1:
         yield "One answer alone does not make other demonstrations good or bad; give a second one."
         return
     if found.count >= MIN_OF_NOTHING and contrast and not found.follows:
         yield NOTHING_FOLLOWED
     witnesses = found.witnesses
-    for name, confirmed, sign in zip(known.names, witnesses.confirmed, witnesses.sign, strict=False):
+    for k, (name, confirmed, sign) in enumerate(zip(known.names, witnesses.confirmed, witnesses.sign, strict=False)):
         outcome = "outcome" + f" {printable(name)}" * (name != "outcome")
         if confirmed < 0.5:
             yield f"No answer and no other outcome confirms the {outcome}, so it counts for little."
         elif sign < 0:
             yield f"The {outcome} contradicts the other answers: less of it counts as better."
+        if k == known.only_flag and (n := int((known.outcomes[known.said(found.log_odds) == 0, k] == 0).sum())):
+            yield f"The other answers outweigh {known.failure} of {counted(n, 'demonstration')}."
 
 
 def question(audit: Judged) -> str | None:
-    """The question "which is better?" whose answer would say most, with the worst stretch of each to look at; None
-    after an answer, or if all scores are the same."""
+    """The question whose answer would say most, with where to look; None after an answer, or if scores are alike."""
     if audit.anchor != "none" or audit.answers.count or len(audit.pair) != 2:
         return None
     return question_sentence(audit, audit.pair)
