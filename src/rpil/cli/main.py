@@ -174,7 +174,7 @@ def keep(file: str, output: str, share: float | None, verdicts: str | None, **op
 def convert(file: str, output: str, ranges: str | None, quiet: bool, **options: Any) -> None:
     """Write the demonstrations as one table, or as NumPy's arrays: one row per step.
 
-    The table has the observations, the actions, and each demonstration's operator and task, if the file names them.
+    The table has the observations, the actions, and each demonstration's operator and task; no times, and nothing else.
     """
     columns = pop_columns(options)
     operator = columns.operator
