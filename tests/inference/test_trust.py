@@ -110,7 +110,7 @@ def fitted_to(score, kind=Fixed, discrete=False):
     """The groups to which policies are fitted."""
     data, score = same_actions(10, discrete), np.asarray(score, dtype=float)
     model = Written(data, lambda group: score, SETTINGS)
-    scores = score_by_best_group(kind(data, model, SETTINGS, 0.1, *np.zeros((2, len(data.actions)))))
+    scores = score_by_best_group(kind(data, model, SETTINGS, 0.1, *np.zeros((2, len(data.actions))), np.zeros(10)))
     assert model.fitted[0].all()
     np.testing.assert_array_equal(scores.fit.group, model.fitted[-1])
     return [np.flatnonzero(group).tolist() for group in model.fitted[1:]]

@@ -12,7 +12,7 @@
     answered         P(good), verdicts and contradicting labels by answers, and what to ask next
     findings         the answer of an audit as a whole, each in a sentence
     trust            the judge: all of the above in order
-    fitted_judge     judges demonstrations that were not fitted
+    fitted_judge     policies that judge demonstrations that were not fitted
     settings         every constant of the judge
 
 docs/model.md has the formulas.

@@ -10,7 +10,7 @@ the state than those of most demonstrations must be explained better.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -42,7 +42,7 @@ class Scores:
     `JudgeSettings.min_gain`."""
     fit: TrimmedFit
     """The policies of the training group."""
-    typical_own: float | None = None
+    typical_own: float = np.inf
     """Value of the `Scoring`."""
 
     @property
@@ -64,14 +64,10 @@ class Scoring:
     """log q(a) of each step, the reference."""
     log_q_best: Float[Array, " N"]
     """The same of the best reference, which a policy that learned something exceeds."""
-    log_q_of_classes: Float[Array, " N"] | float = 0.0
-    """log q(a) of discrete actions, which scores have less; 0 of continuous ones."""
-    typical_own: float | None = None
-    """The median of `own`; None where actions are discrete."""
-    monotony: Float[Array, " M"] | float = 0.0
-    """The share `JudgeSettings.monotony` of how much larger that of each demonstration is, at least 0."""
-    own: Float[Array, " M"] = field(default_factory=lambda: np.empty(0))
+    own: Float[Array, " M"]
     """Mean log-probability of the actions of each demonstration by their own distribution, whatever the state, nats."""
+    typical_own: float = np.inf
+    """The median of `own`, above which it is subtracted in part; infinite where actions are discrete."""
 
     @classmethod
     def of(cls, data: FitData, model: HeldOutModel, settings: JudgeSettings) -> Scoring:
@@ -80,11 +76,8 @@ class Scoring:
         log_q, best = (log_reference(data, group, settings.held_out, best) for best in (False, True))
         ridge = choose_ridge(data, model, group)
         own = own_log_prob(data, indicators(data), settings.held_out.errors)
-        if not data.space.has_density:
-            return cls(data, model, settings, ridge, log_q, best, log_q, own=own)
-        similar = float(np.median(own))
-        excess = settings.monotony * np.maximum(own - similar, 0.0)
-        return cls(data, model, settings, ridge, log_q, best, 0.0, similar, excess, own)
+        typical = float(np.median(own)) if data.space.has_density else np.inf
+        return cls(data, model, settings, ridge, log_q, best, own, typical)
 
     def score(self, fit: TrimmedFit) -> Scores:
         """Scores of all demonstrations under policies of a training group.
@@ -92,18 +85,28 @@ class Scoring:
         The reference of a density is uniform over the box of the actions: a constant, which is left out.
         """
         data, settings = self.data, self.settings
-        log_ratio = fit.log_prob - self.log_q_of_classes
-        score = data.mean_steps(log_ratio)
-        squares = data.sum_steps((log_ratio - data.per_step(score)) ** 2)
-        score = score - self.monotony
+        log_ratio = fit.log_prob if data.space.has_density else fit.log_prob - self.log_q
+        mean, squares, by_neighbours = means(data, log_ratio)
+        score = mean - monotony(self.own, self.typical_own, settings)
         step_variance = float(squares.sum()) / max(len(log_ratio) - data.n_demonstrations, 1)
         variance = mean_variance(squares, data.lengths, step_variance, settings.variance_steps)
-        by_neighbours = dependence(data, log_ratio, squares)
         groups = fit_groups(score, variance, data.lengths, settings.groups)
         gain = float(np.median(data.mean_steps(fit.log_prob - self.log_q_best)[fit.group]))
         entropy = 1.0 if data.space.has_density else -float(self.log_q.mean())  # the most that can be gained
         predicts = gain > settings.min_gain * min(entropy, 1.0)
         return Scores(score, variance, by_neighbours, groups, step_variance, predicts, fit, self.typical_own)
+
+
+def monotony(own: Float[Array, " M"], typical_own: float, settings: JudgeSettings) -> Float[Array, " M"]:
+    """The share `JudgeSettings.monotony` of how far `own` lies above the typical one."""
+    return settings.monotony * np.maximum(own - typical_own, 0.0)
+
+
+def means(data: FitData, log_ratio: Float[Array, " N"]) -> tuple[Array, Array, Array]:
+    """The mean log-ratio of each demonstration, the sum of squares of its steps around it, and its `dependence`."""
+    mean = data.mean_steps(log_ratio)
+    squares = data.sum_steps((log_ratio - data.per_step(mean)) ** 2)
+    return mean, squares, dependence(data, log_ratio, squares)
 
 
 def dependence(data: FitData, log_ratio: Float[Array, " N"], squares: Float[Array, " M"]) -> Float[Array, " M"]:

@@ -15,7 +15,7 @@ from rpil.data.fit_data import FitData
 from rpil.inference.channels import StateScale, channels, columns_of, components, summaries
 from rpil.inference.held_out import HeldOutModel, indicators
 from rpil.inference.outliers import Claims, claim, telling_pair
-from rpil.inference.scores import Scores, Scoring
+from rpil.inference.scores import Scores, Scoring, monotony
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trimming import fit_group, fit_trimmed
 from rpil.inference.two_parts import two_parts
@@ -92,7 +92,8 @@ def score_by_best_group(scoring: Scoring) -> Scores:
     there are two groups is asked once, of the last scores.
     """
     data, settings = scoring.data, scoring.settings
-    first = scoring.score(fit_trimmed(data, scoring.model, scoring.ridge, settings.trimming, scoring.monotony))
+    less = monotony(scoring.own, scoring.typical_own, settings)
+    first = scoring.score(fit_trimmed(data, scoring.model, scoring.ridge, settings.trimming, less))
     upper = first.groups.upper(first.score, first.variance)
     if not data.space.has_density:
         upper &= first.score > 0
