@@ -35,9 +35,8 @@ def less(data, ratio, typical_own):
 
 
 def test_policies_of_a_sample_give_the_signs_of_the_judgement(judged):
-    data, judgement, ratio, (log_prob, log_ratio, measure) = judged
-    assert measure is (log_ratio if data.space.kind == "discrete" else log_prob)
-    scores = judgement.scores
+    data, judgement, ratio, (log_prob, log_ratio) = judged
+    measure, scores = log_ratio if data.space.kind == "discrete" else log_prob, judgement.scores
     score = data.mean_steps(measure) - less(data, ratio, scores.typical_own)[1]
     np.testing.assert_allclose(score, scores.score, atol=0.3 * np.ptp(scores.score))
     np.testing.assert_array_equal(scores.groups.upper(score, scores.variance), judgement.log_odds > 0)

@@ -15,8 +15,8 @@ from rpil.numerics.blocks import linear, log_softmax
 from rpil.numerics.regression import error_scale, medians, normal_equations, solve_ridge, student_log_densities
 from rpil.numerics.types import Array, Bool, Float, Int
 
-StepRatios = tuple[Float[Array, " N"], Float[Array, " N"], Float[Array, " N"]]
-"""Terms of each step, nats: log pi, log pi - log q, and what scores are means of."""
+StepRatios = tuple[Float[Array, " N"], Float[Array, " N"]]
+"""log pi and log pi - log q of each step, nats."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +33,7 @@ class SoftmaxRatio:
         """Log-ratios of the actions taken."""
         log_proba = log_softmax(linear(features, self.weights))
         log_prob = with_lapses(log_proba, self.frequency, actions, settings.lapse)
-        log_ratio = log_prob - np.log(self.frequency)[actions]
-        return log_prob, log_ratio, log_ratio
+        return log_prob, log_prob - np.log(self.frequency)[actions]
 
     def indicators(self, actions: Int[Array, " N"]) -> Float[Array, "N K"]:
         """Indicators of the actions."""
@@ -63,7 +62,7 @@ class StudentRatio:
         errors = scaled - linear(features, self.weights)
         log_prob = student_log_densities(errors, self.scale, settings.errors).sum(axis=1)
         log_q = student_log_densities(scaled - self.center, self.width, settings.errors).sum(axis=1)
-        return log_prob, log_prob - log_q, log_prob
+        return log_prob, log_prob - log_q
 
     def indicators(self, actions: Float[Array, "N A"]) -> Float[Array, "N J"]:
         """The actions, scaled."""

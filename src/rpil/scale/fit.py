@@ -72,10 +72,10 @@ def score_block(
 ) -> BlockScores:
     """Score the demonstrations of a block by `policies_of_sample`."""
     data, (ratio, *parts) = prepared[1], policies
-    log_prob, log_ratio, scored = ratio.step_ratios(data.features, data.actions, settings.held_out)
+    log_prob, log_ratio = ratio.step_ratios(data.features, data.actions, settings.held_out)
     actions = ratio.indicators(data.actions)
     own = own_log_prob(data, actions, settings.held_out.errors)
-    mean, squares, dependent = means(data, scored)
+    mean, squares, dependent = means(data, log_prob if data.space.has_density else log_ratio)
     described = channels(data, mean, log_prob, log_ratio, actions, own, states)
     by_part = [part.step_ratios(data.features, data.actions, settings.held_out)[0] for part in parts]
     side = data.mean_steps(by_part[0] - by_part[1]) if by_part else np.zeros(data.n_demonstrations)
