@@ -18,9 +18,8 @@ from rpil.data.spaces import Box, Discrete
 from rpil.inference.answers import Answers
 from rpil.inference.groups import Groups
 from rpil.inference.held_out import HeldOutModel, log_reference
-from rpil.inference.scores import Scores, Scoring
+from rpil.inference.scores import Scores, Scoring, TrimmedFit
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.trimming import TrimmedFit
 
 Array = NDArray[Any]
 Gains = Callable[[Array], Any]

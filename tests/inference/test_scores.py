@@ -11,9 +11,8 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import own_log_prob
 from rpil.inference.held_out import held_out_model, indicators, log_reference
-from rpil.inference.scores import Scoring, mean_variance, monotony
+from rpil.inference.scores import Scoring, TrimmedFit, mean_variance, monotony
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
-from rpil.inference.trimming import TrimmedFit, fit_group
 
 SETTINGS = JudgeSettings()
 
@@ -67,7 +66,7 @@ def test_the_state_predicts_the_actions_of_the_training_group(limit, sign, predi
     settings = replace(SETTINGS, min_gain=limit)
     scoring = Scoring.of(data, Written(data, lambda group: sign * GAINS + lead, settings), settings)
     group = np.array([True, False, True, True])
-    assert scoring.score(fit_group(scoring.data, scoring.model, group, scoring.ridge)).state_predicts_action is predicts
+    assert scoring.score(scoring.fit(group)).state_predicts_action is predicts
     assert scoring.ridge == 0.0
     np.testing.assert_allclose(scoring.log_q, reference(data, settings))
     assert [one.tolist() for one in scoring.model.fitted] == [group.tolist()]
@@ -91,9 +90,7 @@ def test_what_is_easy_to_predict_without_the_state_must_be_explained_better():
     assert scoring.typical_own == pytest.approx(np.median(own))
     less = monotony(scoring.own, scoring.typical_own, SETTINGS)
     np.testing.assert_allclose(less, np.maximum(own - np.median(own), 0.0) / 3)
-    scores = scoring.score(
-        fit_group(scoring.data, scoring.model, np.ones(problem.n_demonstrations, dtype=bool), scoring.ridge)
-    )
+    scores = scoring.score(scoring.fit(np.ones(problem.n_demonstrations, dtype=bool)))
     explained = problem.mean_steps(scores.fit.log_prob)
     np.testing.assert_allclose(scores.score, explained - less)
     assert scores.score.argmin() == 2

@@ -1,4 +1,13 @@
-"""Scores of demonstrations: means of held-out log-ratios, with their variances and groups.
+"""The training group, and scores of demonstrations: means of held-out log-ratios, with their variances and groups.
+
+A policy of all demonstrations follows the majority. So the demonstrations are ranked by their mean held-out
+log-likelihood of a step, the best share h of them is the next training group T, and so on:
+
+    T <- the share h of the demonstrations with the largest  (1 / N_m) sum_n log pi_T(a_n | s_n) - monotony
+
+This is trimmed likelihood with concentration steps (Rousseeuw and Van Driessen 1999), and the paper's robust maximum
+entropy (eq. 2) with held-out likelihoods. h is `TrimmingSettings.share`. Labels are not read: they are evidence about
+demonstrations (`rpil.inference.answers`), and not about what most of them do. The scores are
 
     discrete      y_m = mean of log pi(a_n | s_n) - log q(a_n)
     continuous    y_m = mean of log pi(a_n | s_n), less the monotony  max(0, o_m - median of o) / 3
@@ -10,6 +19,7 @@ the state than those of most demonstrations must be explained better.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,10 +29,24 @@ from rpil.inference.channels import own_log_prob
 from rpil.inference.groups import Groups, fit_groups
 from rpil.inference.held_out import HeldOutModel, indicators, log_reference
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.trimming import TrimmedFit, choose_ridge
-from rpil.numerics.types import Array, Float, Int
+from rpil.numerics.types import Array, Bool, Float, Int
 
 N_BATCHES = 8  # chosen by hand, not tuned
+
+
+@dataclass(frozen=True, eq=False)
+class TrimmedFit:
+    """Policies fitted to a training group."""
+
+    log_prob: Float[Array, " N"]
+    """Held-out log pi(a_n|s_n) of all steps, nats, under policies fitted to the training group."""
+    group: Bool[Array, " M"]
+    """The training group."""
+    ridge: float
+    """A step."""
+    history: Float[Array, " T"]
+    """Mean held-out log-likelihood of a demonstration of the training group after each concentration step, in nats a
+    step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +83,7 @@ class Scoring:
     model: HeldOutModel
     settings: JudgeSettings
     ridge: float
-    """A step, chosen once (`rpil.inference.trimming.choose_ridge`)."""
+    """A step, chosen once (`choose_ridge`)."""
     log_q: Float[Array, " N"]
     """log q(a) of each step, the reference."""
     log_q_best: Float[Array, " N"]
@@ -79,6 +103,26 @@ class Scoring:
         typical = float(np.median(own)) if data.space.has_density else np.inf
         return cls(data, model, settings, ridge, log_q, best, own, typical)
 
+    def fit(self, group: Bool[Array, " M"], history: Sequence[float] = ()) -> TrimmedFit:
+        """Policies fitted to `group`, after concentration steps with this `history`."""
+        log_prob = self.model.evaluate(self.data.per_step(group.astype(float)), self.ridge)
+        explained = self.data.mean_steps(log_prob)[group].mean()
+        return TrimmedFit(log_prob, group, self.ridge, np.array([*history, explained]))
+
+    def fit_trimmed(self) -> TrimmedFit:
+        """Policies fitted to the share of the demonstrations that is explained best, by concentration steps from all;
+        what explains a demonstration counts less its monotony."""
+        every, settings = np.arange(self.data.n_demonstrations), self.settings.trimming
+        count, less = max(2, round(settings.share * len(every))), monotony(self.own, self.typical_own, self.settings)
+        fit = self.fit(every >= 0)
+        for _ in range(settings.max_iter):
+            explained = self.data.mean_steps(fit.log_prob) - less
+            best = np.isin(every, np.argsort(-explained, kind="stable")[:count])
+            if (best == fit.group).all():
+                break
+            fit = self.fit(best, fit.history.tolist())
+        return fit
+
     def score(self, fit: TrimmedFit) -> Scores:
         """Scores of all demonstrations under policies of a training group.
 
@@ -95,6 +139,23 @@ class Scoring:
         entropy = 1.0 if data.space.has_density else -float(self.log_q.mean())  # the most that can be gained
         predicts = gain > settings.min_gain * min(entropy, 1.0)
         return Scores(score, variance, by_neighbours, groups, step_variance, predicts, fit, self.typical_own)
+
+
+def choose_ridge(data: FitData, model: HeldOutModel, group: Bool[Array, " M"]) -> float:
+    """The ridge, a step, with the largest median over the demonstrations of `group` of the mean held-out
+    log-likelihood, under policies fitted to that group; 0 where `model` has no ridges.
+
+    The median, because the demonstration that is explained worst would decide a mean. The search ends at the first
+    ridge, from the strongest on, that explains no more.
+    """
+    weight = data.per_step(group.astype(float))
+    best, largest = 0.0, -np.inf
+    for ridge in model.ridges:
+        value = float(np.median(data.mean_steps(model.evaluate(weight, ridge))[group]))
+        if value <= largest:
+            break
+        best, largest = ridge, value
+    return best
 
 
 def monotony(own: Float[Array, " M"], typical_own: float, settings: JudgeSettings) -> Float[Array, " M"]:

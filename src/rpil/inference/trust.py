@@ -15,9 +15,8 @@ from rpil.data.fit_data import FitData
 from rpil.inference.channels import StateScale, channels, columns_of, components, summaries
 from rpil.inference.held_out import HeldOutModel, indicators
 from rpil.inference.outliers import Claims, claim, telling_pair
-from rpil.inference.scores import Scores, Scoring, monotony
+from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.trimming import fit_group, fit_trimmed
 from rpil.inference.two_parts import two_parts
 from rpil.numerics.types import Array, Float, Int
 
@@ -91,15 +90,13 @@ def score_by_best_group(scoring: Scoring) -> Scores:
     A group fits better once all others are left out, as in reweighted least squares (Rousseeuw and Leroy 1987). Whether
     there are two groups is asked once, of the last scores.
     """
-    data, settings = scoring.data, scoring.settings
-    less = monotony(scoring.own, scoring.typical_own, settings)
-    first = scoring.score(fit_trimmed(data, scoring.model, scoring.ridge, settings.trimming, less))
+    first = scoring.score(scoring.fit_trimmed())
     upper = first.groups.upper(first.score, first.variance)
-    if not data.space.has_density:
+    if not scoring.data.space.has_density:
         upper &= first.score > 0
-    if not settings.outliers.min_group <= upper.sum() < first.fit.group.sum():
+    if not scoring.settings.outliers.min_group <= upper.sum() < first.fit.group.sum():
         return first
-    return scoring.score(fit_group(data, scoring.model, upper, scoring.ridge))
+    return scoring.score(scoring.fit(upper))
 
 
 def repeated(judged: Judgement, copies: Copies, offsets: Int[Array, " M1"]) -> Judgement:

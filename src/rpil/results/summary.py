@@ -31,8 +31,8 @@ from rpil.inference.groups import expert_share_interval
 from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax
 from rpil.inference.outliers import Claims
 from rpil.inference.parts import ActionScale
+from rpil.inference.scores import choose_ridge
 from rpil.inference.settings import HeldOutSettings
-from rpil.inference.trimming import choose_ridge
 from rpil.inference.trust import Judgement
 from rpil.numerics.regression import error_scale, medians, student_log_densities
 from rpil.numerics.types import Array, Bool, Float, Int
