@@ -39,7 +39,7 @@ def test_policies_of_a_sample_give_the_signs_of_the_judgement(judged):
     measure, scores = log_ratio if data.space.kind == "discrete" else log_prob, judgement.scores
     score = data.mean_steps(measure) - less(data, ratio, scores.typical_own)[1]
     np.testing.assert_allclose(score, scores.score, atol=0.3 * np.ptp(scores.score))
-    np.testing.assert_array_equal(scores.groups.upper(score, scores.variance), judgement.log_odds > 0)
+    np.testing.assert_array_equal(scores.groups.upper(score, scores.variance), judgement.scores.log_odds > 0)
     np.testing.assert_allclose(data.mean_steps(log_ratio), data.mean_steps(judgement.log_ratio), atol=0.5)
 
 

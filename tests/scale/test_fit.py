@@ -47,7 +47,7 @@ def test_parts_outside_the_sample_are_by_the_policies_of_its_parts(kind, value):
     assert found.claims.finding == judged.claims.finding
     np.testing.assert_array_equal(found.scores.score[indices], judged.scores.score)
     np.testing.assert_array_equal(found.copy_of, np.arange(36))
-    np.testing.assert_array_equal(np.argsort(found.columns[:, 0]), np.argsort(found.log_odds))
+    np.testing.assert_array_equal(np.argsort(found.columns[:, 0]), np.argsort(found.scores.log_odds))
     if not value:
         assert len(policies) == 1
         assert not block.side.any()
@@ -65,7 +65,8 @@ def test_blocks_are_joined_in_order():
     policies = policies_of_sample(sample.data, sample.judgement, SETTINGS)[:1]
     blocks = [[scored(each, sample.judgement, policies) for each in some] for some in (halves, [every])]
     joined, whole = (judge_everyone(sample, every, iter(some), SETTINGS) for some in blocks)
-    for name in ("log_odds", "columns", "reliability", "log_ratio"):
+    np.testing.assert_allclose(joined.scores.log_odds, whole.scores.log_odds)
+    for name in ("columns", "reliability", "log_ratio"):
         np.testing.assert_allclose(getattr(joined, name), getattr(whole, name))
     expected = policies[0].step_ratios(every.features, every.actions, SETTINGS.held_out)[1]
     np.testing.assert_array_equal(whole.log_ratio, expected)

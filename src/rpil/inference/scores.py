@@ -71,7 +71,7 @@ class Scores:
 
     @property
     def log_odds(self) -> Float[Array, " M"]:
-        """Log-odds of expert against adversary, nats, by the scores alone."""
+        """Log-odds of the upper group of the scores against the lower, nats, by the scores alone: the ranking."""
         return self.groups.log_odds(self.score, self.variance)
 
 

@@ -40,15 +40,10 @@ class Judgement:
     """1 in the part that a learner trusts, see `rpil.inference.two_parts`; 0 where no policy is learned."""
 
     @property
-    def log_odds(self) -> Float[Array, " M"]:
-        """Log-odds of the upper group of the scores against the lower, nats: the ranking."""
-        return self.scores.log_odds
-
-    @property
     def pair(self) -> tuple[int, int] | None:
         """Two demonstrations of which an answer would say most; neither is a copy of another one."""
         first = np.unique(self.copy_of)
-        pair = telling_pair(replace(self.claims, lower=self.claims.lower[first]), self.log_odds[first])
+        pair = telling_pair(replace(self.claims, lower=self.claims.lower[first]), self.scores.log_odds[first])
         return None if pair is None else (int(first[pair[0]]), int(first[pair[1]]))
 
 
@@ -76,9 +71,9 @@ def judge(
     claims, log_prob = claim(scoring, scores), scores.fit.log_prob
     log_ratio = log_prob - scoring.log_q
     actions, states = indicators(data), StateScale.of(data, settings.channels)
-    values = channels(data, scores.log_odds, log_prob, log_ratio, actions, scoring.own, states)
+    facts = channels(data, log_prob, log_ratio, actions, scoring.own, states)
     seen = components(summaries(data, actions), settings.channels)
-    columns, own = columns_of(values, seen, scores.score), np.arange(data.n_demonstrations)
+    columns, own = columns_of(scores.log_odds, facts, seen, scores.score), np.arange(data.n_demonstrations)
     part = np.zeros(len(own)) if learner is None else two_parts(learner, scores, claims.verdicts < 0, settings)
     return Judgement(scores, columns, states, claims, own, data.mean_steps(log_ratio > 0), log_ratio, part)
 

@@ -55,7 +55,7 @@ def audit_from_judgement(
     judgement: Judgement, source: DemonstrationSet, answers: Answers, who: Demonstrators, settings: AuditSettings
 ) -> Audit:
     """The audit of the judge, of the demonstrations `source` with these answers and demonstrators, if there are any."""
-    claims, log_odds, ids = judgement.claims, judgement.log_odds, source.ids
+    claims, log_odds, ids = judgement.claims, judgement.scores.log_odds, source.ids
     none, groups = np.zeros(len(ids)), claims.groups
     audit = Audit(
         ids=ids,

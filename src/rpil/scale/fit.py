@@ -76,7 +76,7 @@ def score_block(
     actions = ratio.indicators(data.actions)
     own = own_log_prob(data, actions, settings.held_out.errors)
     mean, squares, dependent = means(data, log_prob if data.space.has_density else log_ratio)
-    described = channels(data, mean, log_prob, log_ratio, actions, own, states)
+    described = channels(data, log_prob, log_ratio, actions, own, states)
     by_part = [part.step_ratios(data.features, data.actions, settings.held_out)[0] for part in parts]
     side = data.mean_steps(by_part[0] - by_part[1]) if by_part else np.zeros(data.n_demonstrations)
     summed = summaries(data, actions).astype(np.float32)
@@ -123,8 +123,7 @@ def judge_everyone(
     groups = fit_groups(score, variance, lengths, settings.groups)
     scores = replace(judged.scores, score=score, variance=variance, dependence=dependent, groups=groups)
     claims = widened(judged.claims, scores, settings.outliers)
-    described[:, 0] = scores.log_odds
-    columns = columns_of(described, components(summed, settings.channels), score)
+    columns = columns_of(scores.log_odds, described, components(summed, settings.channels), score)
     copy_of, part = np.arange(len(score)), np.abs(judged.part[0]) * np.where(side > 0, 1.0, -1.0)
     part[sample.indices] = judged.part
     return Judgement(scores, columns, judged.states, claims, copy_of, reliability, log_ratio, part)
