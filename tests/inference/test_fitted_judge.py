@@ -8,7 +8,7 @@ import pytest
 from problems import make, make_continuous
 from rpil.inference.channels import own_log_prob
 from rpil.inference.fitted_judge import fit_ratio
-from rpil.inference.held_out import held_out_model
+from rpil.inference.held_out import held_out_model, indicators
 from rpil.inference.scores import monotony
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import judge
@@ -30,7 +30,7 @@ def judged(request):
 
 
 def less(data, ratio, typical_own):
-    own = own_log_prob(data, ratio.indicators(data.actions), SETTINGS.held_out.errors)
+    own = own_log_prob(data, indicators(data, ratio.scaling), SETTINGS.held_out.errors)
     return own, monotony(own, typical_own, SETTINGS)
 
 

@@ -26,6 +26,7 @@ class SoftmaxRatio:
     weights: Float[Array, "D K"]
     frequency: Float[Array, " K"]
     """q."""
+    scaling: None = None
 
     def step_ratios(
         self, features: Float[Array, "N D"], actions: Int[Array, " N"], settings: HeldOutSettings
@@ -34,10 +35,6 @@ class SoftmaxRatio:
         log_proba = log_softmax(linear(features, self.weights))
         log_prob = with_lapses(log_proba, self.frequency, actions, settings.lapse)
         return log_prob, log_prob - np.log(self.frequency)[actions]
-
-    def indicators(self, actions: Int[Array, " N"]) -> Float[Array, "N K"]:
-        """Indicators of the actions."""
-        return np.eye(len(self.frequency))[actions]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +60,6 @@ class StudentRatio:
         log_prob = student_log_densities(errors, self.scale, settings.errors).sum(axis=1)
         log_q = student_log_densities(scaled - self.center, self.width, settings.errors).sum(axis=1)
         return log_prob, log_prob - log_q
-
-    def indicators(self, actions: Float[Array, "N A"]) -> Float[Array, "N J"]:
-        """The actions, scaled."""
-        return self.scaling(actions)
 
 
 Ratio = SoftmaxRatio | StudentRatio

@@ -184,10 +184,11 @@ def held_out_model(data: FitData, settings: HeldOutSettings) -> HeldOutSoftmax |
     return (HeldOutSoftmax if isinstance(data.space, Discrete) else HeldOutRidge)(data, fold, settings)
 
 
-def indicators(data: FitData) -> Float[Array, "N J"]:
-    """The actions as the policy sees them: scaled numbers, or an indicator of each class."""
+def indicators(data: FitData, scaling: ActionScale | None = None) -> Float[Array, "N J"]:
+    """The actions as the policy sees them: numbers by a `scaling`, that of the data by default, or an indicator of each
+    class."""
     space, actions = data.space, data.actions
-    return np.eye(space.n)[actions] if isinstance(space, Discrete) else ActionScale.of(data)(actions)
+    return np.eye(space.n)[actions] if isinstance(space, Discrete) else (scaling or ActionScale.of(data))(actions)
 
 
 def log_densities(errors: Float[Array, "N A"], weight: Float[Array, " N"], settings: HeldOutSettings) -> Array:

@@ -20,6 +20,7 @@ from rpil.data.spaces import Space, encode_actions
 from rpil.inference.channels import StateScale, channels, columns_of, components, own_log_prob, summaries
 from rpil.inference.fitted_judge import Ratio, fit_ratio
 from rpil.inference.groups import fit_groups
+from rpil.inference.held_out import indicators
 from rpil.inference.outliers import widened
 from rpil.inference.scores import mean_variance, means, monotony
 from rpil.inference.settings import JudgeSettings
@@ -73,7 +74,7 @@ def score_block(
     """Score the demonstrations of a block by `policies_of_sample`."""
     data, (ratio, *parts) = prepared[1], policies
     log_prob, log_ratio = ratio.step_ratios(data.features, data.actions, settings.held_out)
-    actions = ratio.indicators(data.actions)
+    actions = indicators(data, ratio.scaling)
     own = own_log_prob(data, actions, settings.held_out.errors)
     mean, squares, dependent = means(data, log_prob if data.space.has_density else log_ratio)
     described = channels(data, log_prob, log_ratio, actions, own, states)
