@@ -18,9 +18,8 @@ from rpil.data.spaces import Box, Discrete
 from rpil.inference.answers import Answers
 from rpil.inference.groups import Groups
 from rpil.inference.held_out import HeldOutModel, log_reference
-from rpil.inference.scores import Scores, Scoring
+from rpil.inference.scores import Scores, Scoring, TrimmedFit
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.trimming import TrimmedFit
 
 Array = NDArray[Any]
 Gains = Callable[[Array], Any]
@@ -76,7 +75,7 @@ class Written(HeldOutModel):
 def scoring_of(data: FitData, gains: Gains, settings: JudgeSettings) -> Scoring:
     """How demonstrations are scored by policies with these gains."""
     log_q = reference(data, settings)
-    return Scoring(data, Written(data, gains, settings), settings, 1e-2, log_q, log_q)
+    return Scoring(data, Written(data, gains, settings), settings, 1e-2, log_q, log_q, np.zeros(data.n_demonstrations))
 
 
 def groups_of(p_two: float, share: float = 0.5, deviation: float = 0.1) -> Groups:

@@ -24,7 +24,7 @@ BUDGETS = {
     "estimators": (1799, 18),
     "faults": (2925, 119),
     "formats": (5184, 54),
-    "inference": (2275, 96),
+    "inference": (2175, 93),
     "mixture": (691, 11),
     "numerics": (584, 16),
     "policies": (1267, 49),

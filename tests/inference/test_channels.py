@@ -43,13 +43,12 @@ def described(data, actions=None, states=None):
     states = states or StateScale.of(data, SETTINGS)
     actions = np.asarray(data.actions if actions is None else actions, dtype=float)
     own = own_log_prob(data, actions, ERRORS)
-    found = channels(data, np.arange(float(data.n_demonstrations)), LOG_PROB, LOG_RATIO, actions, own, states)
-    return dict(zip(CHANNELS, found.T, strict=True))
+    found = channels(data, LOG_PROB, LOG_RATIO, actions, own, states)
+    return dict(zip(CHANNELS[1:], found.T, strict=True))
 
 
 def test_channels_of_likelihood_and_length():
     found = described(data_of())
-    np.testing.assert_allclose(found["agreement"], [0, 1, 2])
     np.testing.assert_allclose(found["gain over all actions"], [-1, -4, -1.5])
     np.testing.assert_allclose(found["length"], np.log([4, 2, 2]))
 
@@ -122,11 +121,11 @@ def test_normal_scores_are_quantiles_of_ranks():
 
 
 def test_columns_are_the_ranking_normal_scores_components_and_the_group():
-    values, seen = np.array([[7.0, 3.0], [-1.5, 9.0], [-9.0, 1.0]]), np.array([[0.1], [0.4], [0.2]])
-    found = columns_of(values, seen, np.array([2.0, 6.0, 1.0]))
+    log_odds, seen = np.array([7.0, -1.5, -9.0]), np.array([[0.1], [0.4], [0.2]])
+    found = columns_of(log_odds, np.array([[3.0], [9.0], [1.0]]), seen, np.array([2.0, 6.0, 1.0]))
     np.testing.assert_allclose(found[:, 0], np.arcsinh(np.array([4, 0, -1]) / 1.4826))  # the highest is the first
     np.testing.assert_allclose(found[:, 1], norm.ppf([1 / 2, 5 / 6, 1 / 6]), atol=1e-12)
-    np.testing.assert_allclose(found[:, 2:], np.column_stack([seen, np.arcsinh(values[:, 0])]))
+    np.testing.assert_allclose(found[:, 2:], np.column_stack([seen, np.arcsinh(log_odds)]))
 
 
 @pytest.mark.parametrize(

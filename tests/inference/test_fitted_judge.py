@@ -1,4 +1,4 @@
-"""The fitted judge."""
+"""Policies of the groups of a sample, and the scores of demonstrations by them."""
 
 from dataclasses import replace
 
@@ -7,8 +7,9 @@ import pytest
 
 from problems import make, make_continuous
 from rpil.inference.channels import own_log_prob
-from rpil.inference.fitted_judge import FittedJudge
-from rpil.inference.held_out import held_out_model
+from rpil.inference.fitted_judge import fit_ratio
+from rpil.inference.held_out import held_out_model, indicators
+from rpil.inference.scores import monotony
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 from rpil.inference.trust import judge
 
@@ -18,34 +19,39 @@ SETTINGS = JudgeSettings()
 
 @pytest.fixture(scope="module", params=["discrete", "continuous"])
 def judged(request):
-    """Data, their judgement, the fitted judge and its log pi and log pi - log q."""
+    """Data, their scores and log-ratios, the policy of the training group and its log pi and log pi - log q."""
     discrete = request.param == "discrete"
     toy = make("random", 0, n_good=10, n_bad=10, steps=STEPS) if discrete else make_continuous("random", 0, steps=STEPS)
     data = toy.problem()
     judgement = judge(data, held_out_model(data, HeldOutSettings()), SETTINGS)
-    kept = FittedJudge.of(judgement, data, SETTINGS)
-    return data, judgement, kept, kept.ratio.step_ratios(data.features, data.actions, SETTINGS.held_out)
+    fit = judgement.scores.fit
+    ratio = fit_ratio(data, fit.group, fit.ridge, SETTINGS.held_out)
+    return data, judgement, ratio, ratio.step_ratios(data.features, data.actions, SETTINGS.held_out)
 
 
-def test_fitted_judge_gives_the_signs_of_the_judgement(judged):
-    data, judgement, kept, (log_prob, log_ratio, measure) = judged
-    assert measure is (log_ratio if data.space.kind == "discrete" else log_prob)
-    own = own_log_prob(data, kept.ratio.indicators(data.actions), SETTINGS.held_out.errors)
-    score, _ = kept.score(data, measure, own, SETTINGS)
-    np.testing.assert_allclose(score, judgement.scores.score, atol=0.3 * np.ptp(judgement.scores.score))
-    np.testing.assert_array_equal(kept.groups.upper(score, judgement.scores.variance), judgement.log_odds > 0)
+def less(data, ratio, typical_own):
+    own = own_log_prob(data, indicators(data, ratio.scaling), SETTINGS.held_out.errors)
+    return own, monotony(own, typical_own, SETTINGS)
+
+
+def test_policies_of_a_sample_give_the_signs_of_the_judgement(judged):
+    data, judgement, ratio, (log_prob, log_ratio) = judged
+    measure, scores = log_ratio if data.space.kind == "discrete" else log_prob, judgement.scores
+    score = data.mean_steps(measure) - less(data, ratio, scores.typical_own)[1]
+    np.testing.assert_allclose(score, scores.score, atol=0.3 * np.ptp(scores.score))
+    np.testing.assert_array_equal(scores.groups.upper(score, scores.variance), judgement.scores.log_odds > 0)
     np.testing.assert_allclose(data.mean_steps(log_ratio), data.mean_steps(judgement.log_ratio), atol=0.5)
 
 
 def test_a_demonstration_that_holds_still_scores_lower_by_how_predictable_it_is(judged):
-    data, _, kept, (log_prob, *_) = judged
+    data, judgement, ratio, _ = judged
+    typical = judgement.scores.typical_own
     if data.space.kind == "discrete":
-        assert kept.typical_own is None
+        assert not less(data, ratio, typical)[1].any()
         return
     still = replace(
         data, actions=np.where(data.per_step(np.arange(data.n_demonstrations) == 3)[:, None], 0.0, data.actions)
     )
-    own = own_log_prob(still, kept.ratio.indicators(still.actions), SETTINGS.held_out.errors)
-    lost = data.mean_steps(log_prob) - kept.score(still, log_prob, own, SETTINGS)[0]
-    np.testing.assert_allclose(lost, np.maximum(own - kept.typical_own, 0.0) / 3, atol=1e-9)
+    own, lost = less(still, ratio, typical)
+    np.testing.assert_allclose(lost, np.maximum(own - typical, 0.0) / 3, atol=1e-9)
     assert lost[3] > 1.0 > np.median(lost)

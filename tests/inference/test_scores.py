@@ -11,9 +11,8 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import own_log_prob
 from rpil.inference.held_out import held_out_model, indicators, log_reference
-from rpil.inference.scores import Scoring, mean_variance
+from rpil.inference.scores import Scoring, TrimmedFit, mean_variance, monotony
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
-from rpil.inference.trimming import TrimmedFit, fit_group
 
 SETTINGS = JudgeSettings()
 
@@ -32,7 +31,7 @@ def test_scores_by_hand(discrete):
     data = FitData(np.ones((n, 1)), actions, offsets, space, np.zeros(3, dtype=int))
     log_q = rng.normal(size=n)
     model, best = Written(data, lambda group: 0.0, SETTINGS), log_q + 0.1
-    scoring = Scoring(data, model, SETTINGS, 0.1, log_q, best, log_q if discrete else 0)
+    scoring = Scoring(data, model, SETTINGS, 0.1, log_q, best, np.zeros(3))
     group, log_prob = np.array([True, False, True]), rng.normal(size=n)
     found = scoring.score(TrimmedFit(log_prob, group, 0.1, np.zeros(1)))
     log_ratio = log_prob - log_q if discrete else log_prob
@@ -49,7 +48,9 @@ def test_scores_by_hand(discrete):
 
 def test_one_step_each_has_no_variance_of_steps():
     data = FitData(np.ones((3, 1)), np.array([0, 1, 0]), np.arange(4), Discrete(2), np.zeros(3, dtype=int))
-    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, np.zeros(3), np.zeros(3))
+    scoring = Scoring(
+        data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, np.zeros(3), np.zeros(3), np.zeros(3)
+    )
     fit = TrimmedFit(np.arange(3.0), np.ones(3, dtype=bool), 0.1, np.zeros(1))
     assert scoring.score(fit).step_variance == 0.0
 
@@ -65,7 +66,7 @@ def test_the_state_predicts_the_actions_of_the_training_group(limit, sign, predi
     settings = replace(SETTINGS, min_gain=limit)
     scoring = Scoring.of(data, Written(data, lambda group: sign * GAINS + lead, settings), settings)
     group = np.array([True, False, True, True])
-    assert scoring.score(fit_group(scoring.data, scoring.model, group, scoring.ridge)).state_predicts_action is predicts
+    assert scoring.score(scoring.fit(group)).state_predicts_action is predicts
     assert scoring.ridge == 0.0
     np.testing.assert_allclose(scoring.log_q, reference(data, settings))
     assert [one.tolist() for one in scoring.model.fitted] == [group.tolist()]
@@ -75,7 +76,7 @@ def test_the_state_predicts_the_actions_of_the_training_group(limit, sign, predi
 def test_of_actions_that_are_rare_a_share_of_their_entropy_is_enough(gain, predicts):
     data = FitData(np.ones((6, 1)), np.zeros(6, dtype=int), np.array([0, 2, 4, 6]), Discrete(2), np.zeros(3, dtype=int))
     log_q = np.full(6, -0.05)
-    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, log_q, log_q)
+    scoring = Scoring(data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, log_q, log_q, np.zeros(3))
     fit = TrimmedFit(log_q + gain, np.ones(3, dtype=bool), 0.1, np.zeros(1))
     assert scoring.score(fit).state_predicts_action is predicts
 
@@ -87,10 +88,9 @@ def test_what_is_easy_to_predict_without_the_state_must_be_explained_better():
     scoring = Scoring.of(problem, held_out_model(problem, HeldOutSettings()), SETTINGS)
     own = own_log_prob(problem, indicators(problem), SETTINGS.held_out.errors)
     assert scoring.typical_own == pytest.approx(np.median(own))
-    np.testing.assert_allclose(scoring.monotony, np.maximum(own - np.median(own), 0.0) / 3)
-    scores = scoring.score(
-        fit_group(scoring.data, scoring.model, np.ones(problem.n_demonstrations, dtype=bool), scoring.ridge)
-    )
+    less = monotony(scoring.own, scoring.typical_own, SETTINGS)
+    np.testing.assert_allclose(less, np.maximum(own - np.median(own), 0.0) / 3)
+    scores = scoring.score(scoring.fit(np.ones(problem.n_demonstrations, dtype=bool)))
     explained = problem.mean_steps(scores.fit.log_prob)
-    np.testing.assert_allclose(scores.score, explained - scoring.monotony)
+    np.testing.assert_allclose(scores.score, explained - less)
     assert scores.score.argmin() == 2

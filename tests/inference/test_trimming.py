@@ -7,20 +7,19 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from hand_made import Written, same_actions
+from hand_made import Written, same_actions, scoring_of
+from rpil.inference.scores import choose_ridge
 from rpil.inference.settings import JudgeSettings, TrimmingSettings
-from rpil.inference.trimming import choose_ridge, fit_group, fit_trimmed
 
 EVERYONE = np.ones(6, dtype=bool)
 
 
-def written(gains):
-    data = same_actions(6)
-    return data, Written(data, gains, JudgeSettings())
+def scoring(gains, *trimming):
+    return scoring_of(same_actions(6), gains, JudgeSettings(trimming=TrimmingSettings(*trimming)))
 
 
 def test_best_explained_are_the_first_of_equals():
-    fit = fit_trimmed(*written(lambda group: np.zeros(6)), 1e-2, TrimmingSettings(share=0.5))
+    fit = scoring(lambda group: np.zeros(6), 0.5).fit_trimmed()
     assert np.flatnonzero(fit.group).tolist() == [0, 1, 2]
 
 
@@ -31,32 +30,32 @@ def test_concentration_steps_end_where_the_group_stays():
         step = 0 if group.all() else 1 + ends.index(np.flatnonzero(group).tolist())
         return np.isin(np.arange(6), ends[min(step, 3)]) * (1.0 + step)
 
-    data, model = written(gains)
-    fit = fit_trimmed(data, model, 1e-2, TrimmingSettings(0.5, 9))
-    assert [np.flatnonzero(group).tolist() for group in model.fitted] == [list(range(6)), *ends[:3]]
+    some = scoring(gains, 0.5, 9)
+    fit = some.fit_trimmed()
+    assert [np.flatnonzero(group).tolist() for group in some.model.fitted] == [list(range(6)), *ends[:3]]
     assert np.flatnonzero(fit.group).tolist() == [2, 3, 4]
-    base = data.mean_steps(fit.log_prob).min()
+    base = some.data.mean_steps(fit.log_prob).min()
     np.testing.assert_allclose(fit.history - base, [0.5, 4 / 3, 2.0, 4.0])
     assert fit.ridge == 1e-2
-    short = fit_trimmed(*written(gains), 1e-2, TrimmingSettings(0.5, 1))
+    short = scoring(gains, 0.5, 1).fit_trimmed()
     assert np.flatnonzero(short.group).tolist() == [0, 1, 2]
     assert len(short.history) == 2
 
 
 @pytest.mark.parametrize(("share", "count"), [(0.6, 4), (0.5, 3), (0.01, 2)])
 def test_a_training_group_has_its_share_and_two_at_least(share, count):
-    fit = fit_trimmed(*written(lambda group: np.arange(6.0)), 1e-2, TrimmingSettings(share))
+    fit = scoring(lambda group: np.arange(6.0), share).fit_trimmed()
     assert fit.group.sum() == count
 
 
 def test_a_group_is_fitted_as_it_is():
-    data, model = written(lambda group: np.where(group, 2.0, -1.0))
+    some = scoring(lambda group: np.where(group, 2.0, -1.0))
     group = EVERYONE.copy()
     group[0] = False
-    fit = fit_group(data, model, group, 0.1)
+    fit = some.fit(group)
     assert fit.group.tolist() == group.tolist()
-    assert [one.tolist() for one in model.fitted] == [group.tolist()]
-    assert fit.history.tolist() == pytest.approx([data.mean_steps(fit.log_prob)[1]])
+    assert [one.tolist() for one in some.model.fitted] == [group.tolist()]
+    assert fit.history.tolist() == pytest.approx([some.data.mean_steps(fit.log_prob)[1]])
 
 
 class Ridges(Written):
@@ -87,4 +86,5 @@ def test_ridge_is_that_of_the_median_demonstration_of_the_group(monkeypatch):
     assert ridge_of(EVERYONE) == (1.0, [1.0, 0.1])
     monkeypatch.setattr(Ridges, "explained", {1.0: [0] * 6, 0.1: [1] * 6, 0.01: [2] * 6})
     assert ridge_of(EVERYONE) == (0.01, [1.0, 0.1, 0.01])
-    assert choose_ridge(*written(lambda group: 0.0), EVERYONE) == 0.0
+    without = scoring(lambda group: 0.0)
+    assert choose_ridge(without.data, without.model, EVERYONE) == 0.0

@@ -38,8 +38,8 @@ SOURCE = Demonstrations(np.zeros((10, 1)), np.arange(10) % 2, np.arange(11))
 def concluded(labels=None, p_two=0.999, who=Demonstrators(), finding="outliers"):
     """The judgement of `SCORE`, the audit with these labels, and the labels as answers."""
     scores = scores_of(scoring_of(same_actions(10), lambda group: 0.0, SETTINGS), SCORE, p_two)
-    facts = np.cos(np.outer(np.arange(1, 7), np.arange(10.0)))  # one for each of the other channels
-    columns = columns_of(np.column_stack([scores.log_odds, *facts]), np.empty((10, 0)), SCORE)
+    facts = np.cos(np.outer(np.arange(10.0), np.arange(1, 7)))  # one for each of the other channels
+    columns = columns_of(scores.log_odds, facts, np.empty((10, 0)), SCORE)
     claims, states, own = Claims(finding, LOWER), StateScale(np.ones(2), 0.0), np.arange(10)
     none = np.zeros(10), np.zeros(0), np.zeros(10)
     judgement = Judgement(scores, columns, states, claims, own, *none)
@@ -110,7 +110,7 @@ def fitted_to(score, kind=Fixed, discrete=False):
     """The groups to which policies are fitted."""
     data, score = same_actions(10, discrete), np.asarray(score, dtype=float)
     model = Written(data, lambda group: score, SETTINGS)
-    scores = score_by_best_group(kind(data, model, SETTINGS, 0.1, *np.zeros((2, len(data.actions)))))
+    scores = score_by_best_group(kind(data, model, SETTINGS, 0.1, *np.zeros((2, len(data.actions))), np.zeros(10)))
     assert model.fitted[0].all()
     np.testing.assert_array_equal(scores.fit.group, model.fitted[-1])
     return [np.flatnonzero(group).tolist() for group in model.fitted[1:]]
@@ -168,8 +168,8 @@ def test_the_judge_tells_its_stages_and_keeps_what_they_found():
     assert not toy.is_good[found.pair[1]]
     assert found.log_ratio.shape == (toy.offsets[-1],)
     assert found.reliability[toy.is_good].min() > found.reliability[~toy.is_good].max()
-    np.testing.assert_array_equal(found.columns[:, 0], spaced(found.log_odds, found.scores.score))
-    np.testing.assert_allclose(found.columns[:, -1], np.arcsinh(found.log_odds))
+    np.testing.assert_array_equal(found.columns[:, 0], spaced(found.scores.log_odds, found.scores.score))
+    np.testing.assert_allclose(found.columns[:, -1], np.arcsinh(found.scores.log_odds))
     assert found.columns.shape == (16, len(CHANNELS) + 8 + 1)
     assert found.part.tolist() == [0.0] * 16  # nobody learns
     assert found.copy_of.tolist() == [*range(16)]
@@ -190,7 +190,8 @@ def test_copies_have_what_was_found_of_the_first_of_them():
     toy, found = judged("random", 0, 10, 6, learner=make("random", 0, n_good=10, n_bad=6, steps=STEPS).problem())
     place, lengths = np.append(np.arange(16), [12, 3]), np.diff(toy.offsets)
     every = repeated(found, Copies.of(place), np.append(0, np.cumsum(lengths[place])))
-    for name in ("columns", "reliability", "part", "log_odds"):
+    np.testing.assert_array_equal(every.scores.log_odds, found.scores.log_odds[place])
+    for name in ("columns", "reliability", "part"):
         np.testing.assert_array_equal(getattr(every, name), getattr(found, name)[place], err_msg=name)
     np.testing.assert_array_equal(every.claims.lower, found.claims.lower[place])
     assert every.copy_of.tolist() == place.tolist()

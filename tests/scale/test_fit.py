@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from problems import make
-from rpil.inference.fitted_judge import FittedJudge, fit_ratio
+from rpil.inference.fitted_judge import fit_ratio
 from rpil.inference.held_out import held_out_model
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trust import judge
-from rpil.scale.fit import JudgedSample, ascend, judge_everyone, policies_of_parts, score_block
+from rpil.scale.fit import JudgedSample, ascend, judge_everyone, policies_of_sample, score_block
 from rpil.scale.settings import AscentSettings
 from small import SMALL, small_rpil
 
@@ -26,8 +26,11 @@ def of_sample(kind, indices):
     offsets = np.append(0, np.cumsum(every.lengths[indices]))
     sampled = replace(every, features=every.features[rows], actions=every.actions[rows], offsets=offsets, labels=[])
     judged = judge(sampled, held_out_model(sampled, SETTINGS.held_out), SETTINGS, learner=sampled)
-    sample = JudgedSample(sampled, indices, judged, FittedJudge.of(judged, sampled, SETTINGS))
-    return toy, every, sample
+    return toy, every, JudgedSample(sampled, indices, judged)
+
+
+def scored(data, judged, policies):
+    return score_block((None, data), policies, judged.states, SETTINGS)
 
 
 @pytest.mark.parametrize(("kind", "value"), [("random", 1.0), ("flipped", 1.0), ("none", 0.0)])
@@ -35,8 +38,8 @@ def test_parts_outside_the_sample_are_by_the_policies_of_its_parts(kind, value):
     indices = np.sort(np.random.default_rng(0).permutation(36)[:20])
     toy, every, sample = of_sample(kind, indices)
     judged, ridge = sample.judgement, sample.judgement.scores.fit.ridge
-    parts = policies_of_parts(sample.data, judged, SETTINGS)
-    block = score_block((None, every), sample.judge, parts, SETTINGS)
+    policies = policies_of_sample(sample.data, judged, SETTINGS)
+    block = scored(every, judged, policies)
     found = judge_everyone(sample, every, [block], SETTINGS)
     np.testing.assert_array_equal(found.part, value * np.where(toy.is_good, 1, -1))
     np.testing.assert_array_equal(found.part[indices], judged.part)
@@ -44,15 +47,14 @@ def test_parts_outside_the_sample_are_by_the_policies_of_its_parts(kind, value):
     assert found.claims.finding == judged.claims.finding
     np.testing.assert_array_equal(found.scores.score[indices], judged.scores.score)
     np.testing.assert_array_equal(found.copy_of, np.arange(36))
-    np.testing.assert_array_equal(np.argsort(found.columns[:, 0]), np.argsort(found.log_odds))
+    np.testing.assert_array_equal(np.argsort(found.columns[:, 0]), np.argsort(found.scores.log_odds))
     if not value:
-        assert parts == ()
+        assert len(policies) == 1
         assert not block.side.any()
         return
     explained = []
     for sign in (1, -1):
-        own = sample.data.per_step((judged.part == sign).astype(float))
-        ratio = fit_ratio(sample.data, own, ridge, SETTINGS.held_out)
+        ratio = fit_ratio(sample.data, judged.part == sign, ridge, SETTINGS.held_out)
         explained.append(every.mean_steps(ratio.step_ratios(every.features, every.actions, SETTINGS.held_out)[0]))
     np.testing.assert_allclose(block.side, explained[0] - explained[1])
 
@@ -60,11 +62,13 @@ def test_parts_outside_the_sample_are_by_the_policies_of_its_parts(kind, value):
 def test_blocks_are_joined_in_order():
     _, every, sample = of_sample("random", np.arange(36))
     halves = [replace(every, **cut(every, slice(*ends))) for ends in ((0, 10), (10, 36))]
-    blocks = [[score_block((None, each), sample.judge, (), SETTINGS) for each in some] for some in (halves, [every])]
+    policies = policies_of_sample(sample.data, sample.judgement, SETTINGS)[:1]
+    blocks = [[scored(each, sample.judgement, policies) for each in some] for some in (halves, [every])]
     joined, whole = (judge_everyone(sample, every, iter(some), SETTINGS) for some in blocks)
-    for name in ("log_odds", "columns", "reliability", "log_ratio"):
+    np.testing.assert_allclose(joined.scores.log_odds, whole.scores.log_odds)
+    for name in ("columns", "reliability", "log_ratio"):
         np.testing.assert_allclose(getattr(joined, name), getattr(whole, name))
-    expected = sample.judge.ratio.step_ratios(every.features, every.actions, SETTINGS.held_out)[1]
+    expected = policies[0].step_ratios(every.features, every.actions, SETTINGS.held_out)[1]
     np.testing.assert_array_equal(whole.log_ratio, expected)
     np.testing.assert_allclose(whole.reliability, every.mean_steps(expected > 0))
 

@@ -276,8 +276,7 @@ def final_policy(task: Task, options: FitOptions, weight: Array) -> tuple[Featur
 
 def fit_sampled(task: Task, options: FitOptions, learns: bool) -> FitResult:
     """Judge a sample, then everything by what was learned from it, and fit the final policy unless nobody `learns`."""
-    from rpil.inference.fitted_judge import FittedJudge
-    from rpil.scale.fit import DesignMap, JudgedSample, judge_everyone, policies_of_parts, score_block
+    from rpil.scale.fit import DesignMap, JudgedSample, judge_everyone, policies_of_sample, score_block
     from rpil.scale.local import LocalEngine, gathered
 
     options.progress("a sample")
@@ -295,12 +294,12 @@ def fit_sampled(task: Task, options: FitOptions, learns: bool) -> FitResult:
     shards = engine.place(task.source.shards(engine.n_shards, settings.block_steps))
     blocks = shards.then(DesignMap(features, task.space, task.classes))
     judgement, _ = judge_by_options(demonstrations, data, options, learns)
-    sample = JudgedSample(data, indices, judgement, FittedJudge.of(judgement, data, judging))
+    sample = JudgedSample(data, indices, judgement)
     options.progress("a pass over everything: scores")
     everyone = FitData(np.empty(0), np.empty(0), task.source.offsets, task.space)
-    parts = policies_of_parts(data, judgement, judging)
-    scores = blocks.map(partial(score_block, judge=sample.judge, parts=parts, settings=judging))
-    judgement = judge_everyone(sample, everyone, scores, judging)
+    policies = policies_of_sample(data, judgement, judging)
+    score = partial(score_block, policies=policies, states=judgement.states, settings=judging)
+    judgement = judge_everyone(sample, everyone, blocks.map(score), judging)
     # The log-ratios of the steps are on disk.
     result = decided(task, options, replace(judgement, log_ratio=np.empty(0)), features, learns)
     options.progress("the policy" if learns else "the weights of the steps")

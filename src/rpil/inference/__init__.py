@@ -1,9 +1,8 @@
 """Inference: which demonstrations differ from the others, and, by answers, which are good.
 
     held_out         log pi(a|s) of every step under policies fitted to the other demonstrations
-    trimming         the training group: the demonstrations that are explained best
     groups           one group of scores, or two
-    scores           scores of demonstrations, their variances and their groups
+    scores           the training group, and scores of demonstrations with their variances and groups
     parts            the parts of a continuous action that are judged, and their scales
     outliers         outliers, a group apart or two groups by the scores, and the pair of the question
     two_parts        the part of the demonstrations that a learner trusts
@@ -12,7 +11,7 @@
     answered         P(good), verdicts and contradicting labels by answers, and what to ask next
     findings         the answer of an audit as a whole, each in a sentence
     trust            the judge: all of the above in order
-    fitted_judge     judges demonstrations that were not fitted
+    fitted_judge     policies that judge demonstrations that were not fitted
     settings         every constant of the judge
 
 docs/model.md has the formulas.

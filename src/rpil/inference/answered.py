@@ -75,7 +75,7 @@ def answer(
     told = slice(len(answered) - 2 * len(once.tied))  # no difference is as right both ways
     trust = max(agreement(evidence[answered][told], right[told], len(once.pairs)), settings.min_trust)
     both = is_contrast(evidence, n_pairs)
-    by_columns = regression(rows, total, n_pairs, settings)(rows[: len(first)])
+    by_columns = regression(rows, total, n_pairs, settings, slice(len(first)))
     log_odds = (settings.sharpness * trust if both else 1.0) * by_columns + by_witnesses
     log_odds = np.clip(log_odds, *logit([settings.min_proba_bound, 1 - settings.min_proba_bound]))
     follows = once.contrast and (trust > settings.min_trust if both else any(witnesses.heard))
@@ -124,7 +124,7 @@ def predicted(
         own = answered[fold == k]
         others = total.copy()
         others[own] -= evidence[own]
-        log_odds = regression(rows, others, n_pairs, settings)(rows[own]) + others[own]
+        log_odds = regression(rows, others, n_pairs, settings, own) + others[own]
         right[fold == k] = settings.error + (1 - 2 * settings.error) * expit(np.sign(evidence[own]) * log_odds)
     return answered, right
 

@@ -56,24 +56,22 @@ class StateScale:
 
 def channels(
     data: FitData,
-    agreement: Float[Array, " M"],
     log_prob: Float[Array, " N"],
     log_ratio: Float[Array, " N"],
     actions: Float[Array, "N A"],
     own: Float[Array, " M"],
     states: StateScale,
 ) -> Float[Array, "M C"]:
-    """The channels of M demonstrations, in the order of `CHANNELS`.
+    """The channels of M demonstrations after agreement, in the order of `CHANNELS`.
 
-    `agreement` is their log-odds; `log_prob` is log pi of each step and `log_ratio` is log pi - log q; `actions` are
-    scaled, or indicators of discrete actions; `own` is their `own_log_prob`.
+    `log_prob` is log pi of each step and `log_ratio` is log pi - log q; `actions` are scaled, or indicators of discrete
+    actions; `own` is the `own_log_prob` of each demonstration.
     """
     inside, moves_of = _inside(data), np.maximum(data.lengths - 1, 1)
     moves = _moves(data.features, states.spread, data)
     changes = np.append(np.abs(np.diff(actions, axis=0)).sum(axis=1), 0.0) * inside
     idle = data.sum_steps((moves <= states.rest) & inside) / moves_of
     columns = [
-        agreement,
         data.mean_steps(log_prob) - own,
         data.mean_steps(log_ratio),
         np.log(data.lengths),
@@ -85,12 +83,12 @@ def channels(
 
 
 def columns_of(
-    channels: Float[Array, "M C"], components: Float[Array, "M K"], score: Float[Array, " M"]
+    log_odds: Float[Array, " M"], others: Float[Array, "M C"], seen: Float[Array, "M K"], score: Float[Array, " M"]
 ) -> Float[Array, "M D"]:
     """The columns from which answers learn: the ranking, spaced as the scores are; normal scores of the other channels;
-    components; and the log-odds of the upper group. `arcsinh` draws large values nearer, and keeps their order."""
-    agreement, others = channels[:, 0], normal_scores(channels[:, 1:])
-    return np.column_stack([spaced(agreement, score), others, components, np.arcsinh(agreement)])
+    components `seen`; and the log-odds of the upper group. `arcsinh` draws large values nearer, and keeps their order.
+    """
+    return np.column_stack([spaced(log_odds, score), normal_scores(others), seen, np.arcsinh(log_odds)])
 
 
 def spaced(ranking: Float[Array, " M"], score: Float[Array, " M"]) -> Float[Array, " M"]:

@@ -1,4 +1,4 @@
-"""The fitted judge: policies of the training group and the groups of scores, which judge further demonstrations."""
+"""Policies of the groups of a sample, which judge demonstrations that were not fitted."""
 
 from __future__ import annotations
 
@@ -8,18 +8,15 @@ import numpy as np
 
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
-from rpil.inference.channels import StateScale
-from rpil.inference.groups import Groups
 from rpil.inference.held_out import fit_weighted, frequencies, with_lapses
 from rpil.inference.parts import ActionScale
-from rpil.inference.settings import HeldOutSettings, JudgeSettings
-from rpil.inference.trust import Judgement
+from rpil.inference.settings import HeldOutSettings
 from rpil.numerics.blocks import linear, log_softmax
 from rpil.numerics.regression import error_scale, medians, normal_equations, solve_ridge, student_log_densities
-from rpil.numerics.types import Array, Float, Int
+from rpil.numerics.types import Array, Bool, Float, Int
 
-StepRatios = tuple[Float[Array, " N"], Float[Array, " N"], Float[Array, " N"]]
-"""Terms of each step, nats: log pi, log pi - log q, and what scores are means of."""
+StepRatios = tuple[Float[Array, " N"], Float[Array, " N"]]
+"""log pi and log pi - log q of each step, nats."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +26,7 @@ class SoftmaxRatio:
     weights: Float[Array, "D K"]
     frequency: Float[Array, " K"]
     """q."""
-
-    @classmethod
-    def fit(cls, data: FitData, weight: Float[Array, " N"], ridge: float, settings: HeldOutSettings) -> SoftmaxRatio:
-        """Fit the policy to weighted steps, with a `ridge` a step."""
-        return cls(fit_weighted(data, weight, ridge, settings.tol).weights, frequencies(data))
+    scaling: None = None
 
     def step_ratios(
         self, features: Float[Array, "N D"], actions: Int[Array, " N"], settings: HeldOutSettings
@@ -41,12 +34,7 @@ class SoftmaxRatio:
         """Log-ratios of the actions taken."""
         log_proba = log_softmax(linear(features, self.weights))
         log_prob = with_lapses(log_proba, self.frequency, actions, settings.lapse)
-        log_ratio = log_prob - np.log(self.frequency)[actions]
-        return log_prob, log_ratio, log_ratio
-
-    def indicators(self, actions: Int[Array, " N"]) -> Float[Array, "N K"]:
-        """Indicators of the actions."""
-        return np.eye(len(self.frequency))[actions]
+        return log_prob, log_prob - np.log(self.frequency)[actions]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,18 +51,6 @@ class StudentRatio:
     width: Float[Array, " A"]
     """Location and scale of q."""
 
-    @classmethod
-    def fit(cls, data: FitData, weight: Float[Array, " N"], ridge: float, settings: HeldOutSettings) -> StudentRatio:
-        """Fit the policy to weighted steps, with a `ridge` a step."""
-        scaling, rows = ActionScale.of(data), weight > 0
-        actions = scaling(data.actions)
-        weights = solve_ridge(*normal_equations(data.features[rows], actions[rows], weight[rows]), ridge)
-        errors = actions - linear(data.features, weights)
-        center = medians(actions.T)
-        width = error_scale(actions - center, np.ones(len(actions)), settings.errors)
-        scale = error_scale(errors, weight, settings.errors)
-        return cls(weights, scaling, scale, center, width)
-
     def step_ratios(
         self, features: Float[Array, "N D"], actions: Float[Array, "N A"], settings: HeldOutSettings
     ) -> StepRatios:
@@ -83,48 +59,21 @@ class StudentRatio:
         errors = scaled - linear(features, self.weights)
         log_prob = student_log_densities(errors, self.scale, settings.errors).sum(axis=1)
         log_q = student_log_densities(scaled - self.center, self.width, settings.errors).sum(axis=1)
-        return log_prob, log_prob - log_q, log_prob
-
-    def indicators(self, actions: Float[Array, "N A"]) -> Float[Array, "N J"]:
-        """The actions, scaled."""
-        return self.scaling(actions)
+        return log_prob, log_prob - log_q
 
 
 Ratio = SoftmaxRatio | StudentRatio
 
 
-def fit_ratio(data: FitData, weight: Float[Array, " N"], ridge: float, settings: HeldOutSettings) -> Ratio:
-    """The ratio for the actions of the data, whose policy is fitted to weighted steps, with a `ridge` a step."""
-    return (SoftmaxRatio if isinstance(data.space, Discrete) else StudentRatio).fit(data, weight, ridge, settings)
-
-
-@dataclass(frozen=True, eq=False)
-class FittedJudge:
-    """Fitted values that judge demonstrations that were not fitted."""
-
-    ratio: Ratio
-    """Gives the log-ratios of steps."""
-    groups: Groups
-    step_variance: float
-    """Variance of the log-ratio of a step within a demonstration."""
-    states: StateScale
-    typical_own: float | None = None
-    """See `rpil.inference.scores.Scoring`; None where actions are discrete."""
-
-    @classmethod
-    def of(cls, judgement: Judgement, data: FitData, settings: JudgeSettings) -> FittedJudge:
-        """From a judgement of `data`."""
-        scores, weight = judgement.scores, data.per_step(judgement.scores.fit.group.astype(float))
-        ratio = fit_ratio(data, weight, scores.fit.ridge, settings.held_out)
-        return cls(ratio, scores.groups, scores.step_variance, judgement.states, scores.typical_own)
-
-    def score(
-        self, data: FitData, log_ratio: Float[Array, " N"], own: Float[Array, " M"], settings: JudgeSettings
-    ) -> tuple[Float[Array, " M"], Float[Array, " M"]]:
-        """Scores of the demonstrations of `data`, whose steps have these log-ratios, and whose actions have the mean
-        log-density `own` by their own distribution, and the sums of squares around their means."""
-        mean = data.mean_steps(log_ratio)
-        squares = data.sum_steps((log_ratio - data.per_step(mean)) ** 2)
-        if self.typical_own is None:
-            return mean, squares
-        return mean - settings.monotony * np.maximum(own - self.typical_own, 0.0), squares
+def fit_ratio(data: FitData, group: Bool[Array, " M"], ridge: float, settings: HeldOutSettings) -> Ratio:
+    """The ratio for the actions of the data, whose policy is fitted to a `group`, with a `ridge` a step."""
+    weight = data.per_step(group.astype(float))
+    if isinstance(data.space, Discrete):
+        return SoftmaxRatio(fit_weighted(data, weight, ridge, settings.tol).weights, frequencies(data))
+    scaling, rows = ActionScale.of(data), weight > 0
+    actions = scaling(data.actions)
+    weights = solve_ridge(*normal_equations(data.features[rows], actions[rows], weight[rows]), ridge)
+    scale = error_scale(actions - linear(data.features, weights), weight, settings.errors)
+    center = medians(actions.T)
+    width = error_scale(actions - center, np.ones(len(actions)), settings.errors)
+    return StudentRatio(weights, scaling, scale, center, width)

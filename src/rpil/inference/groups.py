@@ -134,8 +134,6 @@ def least_within(loss: Callable[[Array], tuple[float, Array]], x: Array, bounds:
     for _ in range(BFGS_STEPS):
         free = ~(((x <= bounds[:, 0]) & (slope > 0)) | ((x >= bounds[:, 1]) & (slope < 0)))
         step = -np.where(free, inverse @ np.where(free, slope, 0.0), 0.0)
-        if slope @ step >= 0:
-            inverse, step = np.eye(len(x)), -np.where(free, slope, 0.0)
         step /= max(1.0, np.abs(step).max())
         for length in 0.5 ** np.arange(30):
             moved = np.clip(x + length * step, *bounds.T)

@@ -146,13 +146,9 @@ class HeldOutRidge(_Linear):
         """Held-out errors of the actions, scaled."""
         sums = [self._sums(k, weight[rows]) for k, (rows, _, _) in enumerate(self._folds)]
         of_all, out = [sum(terms) for terms in zip(*sums, strict=True)], np.empty(self.actions.shape)
-        fits: dict[int, Array] = {}
-        for k, ((rows, features, actions), own) in enumerate(zip(self._folds, sums, strict=True)):
+        for (rows, features, actions), own in zip(self._folds, sums, strict=True):
             gram, product, total = (every - part for every, part in zip(of_all, own, strict=True))
-            at = k if own[2] > 0.0 else -1  # without folds of no weight, all fits are alike
-            if at not in fits:
-                fits[at] = solve_ridge(gram, product, total, ridge)
-            out[rows] = actions - features @ fits[at]
+            out[rows] = actions - features @ solve_ridge(gram, product, total, ridge)
         return out
 
     def _sums(self, k: int, weight: Float[Array, " n"]) -> tuple[Array, Array, float]:
@@ -188,10 +184,11 @@ def held_out_model(data: FitData, settings: HeldOutSettings) -> HeldOutSoftmax |
     return (HeldOutSoftmax if isinstance(data.space, Discrete) else HeldOutRidge)(data, fold, settings)
 
 
-def indicators(data: FitData) -> Float[Array, "N J"]:
-    """The actions as the policy sees them: scaled numbers, or an indicator of each class."""
+def indicators(data: FitData, scaling: ActionScale | None = None) -> Float[Array, "N J"]:
+    """The actions as the policy sees them: numbers by a `scaling`, that of the data by default, or an indicator of each
+    class."""
     space, actions = data.space, data.actions
-    return np.eye(space.n)[actions] if isinstance(space, Discrete) else ActionScale.of(data)(actions)
+    return np.eye(space.n)[actions] if isinstance(space, Discrete) else (scaling or ActionScale.of(data))(actions)
 
 
 def log_densities(errors: Float[Array, "N A"], weight: Float[Array, " N"], settings: HeldOutSettings) -> Array:

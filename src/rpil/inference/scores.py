@@ -1,4 +1,13 @@
-"""Scores of demonstrations: means of held-out log-ratios, with their variances and groups.
+"""The training group, and scores of demonstrations: means of held-out log-ratios, with their variances and groups.
+
+A policy of all demonstrations follows the majority. So the demonstrations are ranked by their mean held-out
+log-likelihood of a step, the best share h of them is the next training group T, and so on:
+
+    T <- the share h of the demonstrations with the largest  (1 / N_m) sum_n log pi_T(a_n | s_n) - monotony
+
+This is trimmed likelihood with concentration steps (Rousseeuw and Van Driessen 1999), and the paper's robust maximum
+entropy (eq. 2) with held-out likelihoods. h is `TrimmingSettings.share`. Labels are not read: they are evidence about
+demonstrations (`rpil.inference.answers`), and not about what most of them do. The scores are
 
     discrete      y_m = mean of log pi(a_n | s_n) - log q(a_n)
     continuous    y_m = mean of log pi(a_n | s_n), less the monotony  max(0, o_m - median of o) / 3
@@ -10,7 +19,8 @@ the state than those of most demonstrations must be explained better.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,10 +29,24 @@ from rpil.inference.channels import own_log_prob
 from rpil.inference.groups import Groups, fit_groups
 from rpil.inference.held_out import HeldOutModel, indicators, log_reference
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.trimming import TrimmedFit, choose_ridge
-from rpil.numerics.types import Array, Float, Int
+from rpil.numerics.types import Array, Bool, Float, Int
 
 N_BATCHES = 8  # chosen by hand, not tuned
+
+
+@dataclass(frozen=True, eq=False)
+class TrimmedFit:
+    """Policies fitted to a training group."""
+
+    log_prob: Float[Array, " N"]
+    """Held-out log pi(a_n|s_n) of all steps, nats, under policies fitted to the training group."""
+    group: Bool[Array, " M"]
+    """The training group."""
+    ridge: float
+    """A step."""
+    history: Float[Array, " T"]
+    """Mean held-out log-likelihood of a demonstration of the training group after each concentration step, in nats a
+    step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +66,12 @@ class Scores:
     `JudgeSettings.min_gain`."""
     fit: TrimmedFit
     """The policies of the training group."""
-    typical_own: float | None = None
+    typical_own: float = np.inf
     """Value of the `Scoring`."""
 
     @property
     def log_odds(self) -> Float[Array, " M"]:
-        """Log-odds of expert against adversary, nats, by the scores alone."""
+        """Log-odds of the upper group of the scores against the lower, nats, by the scores alone: the ranking."""
         return self.groups.log_odds(self.score, self.variance)
 
 
@@ -59,19 +83,15 @@ class Scoring:
     model: HeldOutModel
     settings: JudgeSettings
     ridge: float
-    """A step, chosen once (`rpil.inference.trimming.choose_ridge`)."""
+    """A step, chosen once (`choose_ridge`)."""
     log_q: Float[Array, " N"]
     """log q(a) of each step, the reference."""
     log_q_best: Float[Array, " N"]
     """The same of the best reference, which a policy that learned something exceeds."""
-    log_q_of_classes: Float[Array, " N"] | float = 0.0
-    """log q(a) of discrete actions, which scores have less; 0 of continuous ones."""
-    typical_own: float | None = None
-    """The median of `own`; None where actions are discrete."""
-    monotony: Float[Array, " M"] | float = 0.0
-    """The share `JudgeSettings.monotony` of how much larger that of each demonstration is, at least 0."""
-    own: Float[Array, " M"] = field(default_factory=lambda: np.empty(0))
+    own: Float[Array, " M"]
     """Mean log-probability of the actions of each demonstration by their own distribution, whatever the state, nats."""
+    typical_own: float = np.inf
+    """The median of `own`, above which it is subtracted in part; infinite where actions are discrete."""
 
     @classmethod
     def of(cls, data: FitData, model: HeldOutModel, settings: JudgeSettings) -> Scoring:
@@ -80,11 +100,28 @@ class Scoring:
         log_q, best = (log_reference(data, group, settings.held_out, best) for best in (False, True))
         ridge = choose_ridge(data, model, group)
         own = own_log_prob(data, indicators(data), settings.held_out.errors)
-        if not data.space.has_density:
-            return cls(data, model, settings, ridge, log_q, best, log_q, own=own)
-        similar = float(np.median(own))
-        excess = settings.monotony * np.maximum(own - similar, 0.0)
-        return cls(data, model, settings, ridge, log_q, best, 0.0, similar, excess, own)
+        typical = float(np.median(own)) if data.space.has_density else np.inf
+        return cls(data, model, settings, ridge, log_q, best, own, typical)
+
+    def fit(self, group: Bool[Array, " M"], history: Sequence[float] = ()) -> TrimmedFit:
+        """Policies fitted to `group`, after concentration steps with this `history`."""
+        log_prob = self.model.evaluate(self.data.per_step(group.astype(float)), self.ridge)
+        explained = self.data.mean_steps(log_prob)[group].mean()
+        return TrimmedFit(log_prob, group, self.ridge, np.array([*history, explained]))
+
+    def fit_trimmed(self) -> TrimmedFit:
+        """Policies fitted to the share of the demonstrations that is explained best, by concentration steps from all;
+        what explains a demonstration counts less its monotony."""
+        every, settings = np.arange(self.data.n_demonstrations), self.settings.trimming
+        count, less = max(2, round(settings.share * len(every))), monotony(self.own, self.typical_own, self.settings)
+        fit = self.fit(every >= 0)
+        for _ in range(settings.max_iter):
+            explained = self.data.mean_steps(fit.log_prob) - less
+            best = np.isin(every, np.argsort(-explained, kind="stable")[:count])
+            if (best == fit.group).all():
+                break
+            fit = self.fit(best, fit.history.tolist())
+        return fit
 
     def score(self, fit: TrimmedFit) -> Scores:
         """Scores of all demonstrations under policies of a training group.
@@ -92,18 +129,45 @@ class Scoring:
         The reference of a density is uniform over the box of the actions: a constant, which is left out.
         """
         data, settings = self.data, self.settings
-        log_ratio = fit.log_prob - self.log_q_of_classes
-        score = data.mean_steps(log_ratio)
-        squares = data.sum_steps((log_ratio - data.per_step(score)) ** 2)
-        score = score - self.monotony
+        log_ratio = fit.log_prob if data.space.has_density else fit.log_prob - self.log_q
+        mean, squares, by_neighbours = means(data, log_ratio)
+        score = mean - monotony(self.own, self.typical_own, settings)
         step_variance = float(squares.sum()) / max(len(log_ratio) - data.n_demonstrations, 1)
         variance = mean_variance(squares, data.lengths, step_variance, settings.variance_steps)
-        by_neighbours = dependence(data, log_ratio, squares)
         groups = fit_groups(score, variance, data.lengths, settings.groups)
         gain = float(np.median(data.mean_steps(fit.log_prob - self.log_q_best)[fit.group]))
         entropy = 1.0 if data.space.has_density else -float(self.log_q.mean())  # the most that can be gained
         predicts = gain > settings.min_gain * min(entropy, 1.0)
         return Scores(score, variance, by_neighbours, groups, step_variance, predicts, fit, self.typical_own)
+
+
+def choose_ridge(data: FitData, model: HeldOutModel, group: Bool[Array, " M"]) -> float:
+    """The ridge, a step, with the largest median over the demonstrations of `group` of the mean held-out
+    log-likelihood, under policies fitted to that group; 0 where `model` has no ridges.
+
+    The median, because the demonstration that is explained worst would decide a mean. The search ends at the first
+    ridge, from the strongest on, that explains no more.
+    """
+    weight = data.per_step(group.astype(float))
+    best, largest = 0.0, -np.inf
+    for ridge in model.ridges:
+        value = float(np.median(data.mean_steps(model.evaluate(weight, ridge))[group]))
+        if value <= largest:
+            break
+        best, largest = ridge, value
+    return best
+
+
+def monotony(own: Float[Array, " M"], typical_own: float, settings: JudgeSettings) -> Float[Array, " M"]:
+    """The share `JudgeSettings.monotony` of how far `own` lies above the typical one."""
+    return settings.monotony * np.maximum(own - typical_own, 0.0)
+
+
+def means(data: FitData, log_ratio: Float[Array, " N"]) -> tuple[Array, Array, Array]:
+    """The mean log-ratio of each demonstration, the sum of squares of its steps around it, and its `dependence`."""
+    mean = data.mean_steps(log_ratio)
+    squares = data.sum_steps((log_ratio - data.per_step(mean)) ** 2)
+    return mean, squares, dependence(data, log_ratio, squares)
 
 
 def dependence(data: FitData, log_ratio: Float[Array, " N"], squares: Float[Array, " M"]) -> Float[Array, " M"]:

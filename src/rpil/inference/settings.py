@@ -38,7 +38,7 @@ class HeldOutSettings:
 
 @settings_record(share="(0, 1]", max_iter="[0, inf)")
 class TrimmingSettings:
-    """The training group (`rpil.inference.trimming`)."""
+    """The training group (`rpil.inference.scores`)."""
 
     share: float = 0.6
     """Share of the demonstrations in the training group. benchmarks/ablations.py (1, .8, .3)."""

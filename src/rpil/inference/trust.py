@@ -17,7 +17,6 @@ from rpil.inference.held_out import HeldOutModel, indicators
 from rpil.inference.outliers import Claims, claim, telling_pair
 from rpil.inference.scores import Scores, Scoring
 from rpil.inference.settings import JudgeSettings
-from rpil.inference.trimming import fit_group, fit_trimmed
 from rpil.inference.two_parts import two_parts
 from rpil.numerics.types import Array, Float, Int
 
@@ -41,15 +40,10 @@ class Judgement:
     """1 in the part that a learner trusts, see `rpil.inference.two_parts`; 0 where no policy is learned."""
 
     @property
-    def log_odds(self) -> Float[Array, " M"]:
-        """Log-odds of the upper group of the scores against the lower, nats: the ranking."""
-        return self.scores.log_odds
-
-    @property
     def pair(self) -> tuple[int, int] | None:
         """Two demonstrations of which an answer would say most; neither is a copy of another one."""
         first = np.unique(self.copy_of)
-        pair = telling_pair(replace(self.claims, lower=self.claims.lower[first]), self.log_odds[first])
+        pair = telling_pair(replace(self.claims, lower=self.claims.lower[first]), self.scores.log_odds[first])
         return None if pair is None else (int(first[pair[0]]), int(first[pair[1]]))
 
 
@@ -77,9 +71,9 @@ def judge(
     claims, log_prob = claim(scoring, scores), scores.fit.log_prob
     log_ratio = log_prob - scoring.log_q
     actions, states = indicators(data), StateScale.of(data, settings.channels)
-    values = channels(data, scores.log_odds, log_prob, log_ratio, actions, scoring.own, states)
+    facts = channels(data, log_prob, log_ratio, actions, scoring.own, states)
     seen = components(summaries(data, actions), settings.channels)
-    columns, own = columns_of(values, seen, scores.score), np.arange(data.n_demonstrations)
+    columns, own = columns_of(scores.log_odds, facts, seen, scores.score), np.arange(data.n_demonstrations)
     part = np.zeros(len(own)) if learner is None else two_parts(learner, scores, claims.verdicts < 0, settings)
     return Judgement(scores, columns, states, claims, own, data.mean_steps(log_ratio > 0), log_ratio, part)
 
@@ -91,14 +85,13 @@ def score_by_best_group(scoring: Scoring) -> Scores:
     A group fits better once all others are left out, as in reweighted least squares (Rousseeuw and Leroy 1987). Whether
     there are two groups is asked once, of the last scores.
     """
-    data, settings = scoring.data, scoring.settings
-    first = scoring.score(fit_trimmed(data, scoring.model, scoring.ridge, settings.trimming, scoring.monotony))
+    first = scoring.score(scoring.fit_trimmed())
     upper = first.groups.upper(first.score, first.variance)
-    if not data.space.has_density:
+    if not scoring.data.space.has_density:
         upper &= first.score > 0
-    if not settings.outliers.min_group <= upper.sum() < first.fit.group.sum():
+    if not scoring.settings.outliers.min_group <= upper.sum() < first.fit.group.sum():
         return first
-    return scoring.score(fit_group(data, scoring.model, upper, scoring.ridge))
+    return scoring.score(scoring.fit(upper))
 
 
 def repeated(judged: Judgement, copies: Copies, offsets: Int[Array, " M1"]) -> Judgement:

@@ -41,8 +41,7 @@ def two_parts(data: FitData, scores: Scores, outlier: Bool[Array, " M"], setting
     together = models[0].evaluate(np.ones(len(data.actions)), ridge).mean()
     place = np.argsort(np.argsort(scores.log_odds, kind="stable")) / data.n_demonstrations
     starts = [scores.fit.group, place >= 1 / 2, place >= 1 / 5, ~outlier]
-    seen = set[bytes]()  # where one start comes to what another one has come to, it ends as that does
-    found = [divide(data, models, start, ridge, limits, seen) for start in starts]
+    found = [divide(data, models, start, ridge, limits) for start in starts]
     best = max((each for each in found if each is not None), key=lambda each: each[1], default=None)
     without = np.where(outlier, -1.0, 1.0) if outlier.any() else np.zeros(data.n_demonstrations)
     if best is None:
@@ -85,19 +84,17 @@ def divide(
     part: Bool[Array, " M"],
     ridge: float,
     settings: PartSettings,
-    seen: set[bytes],
 ) -> tuple[Bool[Array, " M"], float] | None:
     """The part that `part` ends in, and the mean log-likelihood of a step, nats; None where one is nearly empty."""
-    own = set[bytes]()
-    while len(own) < settings.max_iter and part.tobytes() not in own:
-        if min(part.sum(), (~part).sum()) < 2 or part.tobytes() in seen:
+    seen = set[bytes]()
+    while len(seen) < settings.max_iter and part.tobytes() not in seen:
+        if min(part.sum(), (~part).sum()) < 2:
             return None
-        own.add(part.tobytes())
+        seen.add(part.tobytes())
         weights = (data.per_step(group.astype(float)) for group in (part, ~part))
         fits = (model.evaluate(weight, ridge) for model, weight in zip(models, weights, strict=True))
         first, second = map(data.mean_steps, fits)
         part, last = first >= second, part
-    seen |= own
     log_joint = np.log([[last.mean()], [1 - last.mean()]]) + np.stack([first, second]) * data.lengths
     return last, float(logsumexp(log_joint, axis=0).sum() / data.lengths.sum())
 

@@ -23,6 +23,7 @@ from scipy.special import expit, log_expit
 from rpil.inference.settings import AnswerSettings
 from rpil.numerics.regression import mean_ranks
 from rpil.numerics.types import Array, Float, Int
+from rpil.policies.folds import out_of_fold
 
 NOTHING = 1e6
 """Precision of weights that are 0."""
@@ -38,23 +39,11 @@ MAX_ROUNDS, ENOUGH = 12, 0.02
 """Rounds of EM at most, and the change of evidence in nats at which it stops."""
 
 
-@dataclass(frozen=True, eq=False)
-class Regression:
-    """The normal distribution of w."""
-
-    mean: Float[Array, " D"]
-    covariance: Float[Array, "D D"]
-
-    def __call__(self, rows: Float[Array, "R D"]) -> Float[Array, " R"]:
-        """Log-odds of each row, nearer to 0 the less is known (MacKay 1992)."""
-        variance = np.einsum("md,de,me->m", rows, self.covariance, rows)
-        return np.asarray(rows @ self.mean / np.sqrt(1 + np.pi * variance / 8))
-
-
 def regression(
-    rows: Float[Array, "R D"], evidence: Float[Array, " R"], n_pairs: int, settings: AnswerSettings
-) -> Regression:
-    """The Laplace approximation of w, given the log-likelihood ratio L of each row; the last `n_pairs` rows are pairs.
+    rows: Float[Array, "R D"], evidence: Float[Array, " R"], n_pairs: int, settings: AnswerSettings, at: slice | Array
+) -> Float[Array, " _"]:
+    """Log-odds of the rows `at`, nearer to 0 the less is known (MacKay 1992), given the log-likelihood ratio L of each
+    row; the last `n_pairs` rows are pairs.
 
     Where all is of one side, the offset alone moves.
     """
@@ -64,7 +53,9 @@ def regression(
     if not is_contrast(evidence, n_pairs):
         precision[1:] = NOTHING
     known = evidence != 0
-    return Regression(*_laplace(rows[known], evidence[known], anchor, precision))
+    mean, covariance = laplace(rows[known], evidence[known], anchor, precision)
+    variance = np.einsum("md,de,me->m", rows[at], covariance, rows[at])
+    return np.asarray(rows[at] @ mean / np.sqrt(1 + np.pi * variance / 8))
 
 
 def is_contrast(evidence: Float[Array, " R"], n_pairs: int) -> bool:
@@ -75,15 +66,12 @@ def is_contrast(evidence: Float[Array, " R"], n_pairs: int) -> bool:
 
 def held_out(rows: Float[Array, "R D"], evidence: Float[Array, " M"], settings: AnswerSettings) -> Float[Array, " M"]:
     """Log-odds of the first M rows by the evidence of other folds."""
-    fold, log_odds = np.arange(len(evidence)) % N_FOLDS, np.zeros(len(evidence))
-    for k in range(min(N_FOLDS, len(fold))):
-        others = np.where(fold == k, 0.0, evidence)
-        log_odds[fold == k] = regression(rows[: len(fold)], others, 0, settings)(rows[: len(fold)][fold == k])
-    return log_odds
+    single, fold = rows[: len(evidence)], np.arange(len(evidence)) % N_FOLDS
+    return out_of_fold(fold, lambda _, test: regression(single, np.where(test, 0.0, evidence), 0, settings, test))
 
 
-def _laplace(rows: Array, evidence: Array, anchor: Array, precision: Array) -> tuple[Array, Array]:
-    """Mean and covariance of w by Fisher scoring with halved steps."""
+def laplace(rows: Array, evidence: Array, anchor: Array, precision: Array) -> tuple[Array, Array]:
+    """Mean and covariance of the Laplace approximation of w, by Fisher scoring with halved steps."""
     right = expit(np.abs(evidence))  # how often evidence of this strength is right
 
     def log_joint(w: Array) -> float:
@@ -157,7 +145,7 @@ def weigh(
             ratio = log_ratio(counts) * (by_columns[k] > 0.5)  # nothing else may tell its worth
             others[:n] += np.delete(found, [k, *alike[k]], axis=1).sum(axis=1)
             if is_contrast(others, n_pairs):
-                log_odds = regression(rows, others, n_pairs, settings)(rows[:n]) + others[:n]
+                log_odds = regression(rows, others, n_pairs, settings, slice(n)) + others[:n]
                 ratio, gain = reliability(log_odds, level, counts)
                 by_others = float(expit(gain - len(ratio[:-1]) / 2 * np.log(max((level >= 0).sum(), 1))))
                 sign[k] = np.sign(ratio[-2] - ratio[0]) or 1.0
@@ -254,7 +242,7 @@ def shared_errors(
         return np.ones(len(levels))
     total = evidence.copy()
     total[: len(found)] += found.sum(axis=1)
-    proba = expit(regression(rows, total, n_pairs, settings)(rows[: len(found)]) + total[: len(found)])
+    proba = expit(regression(rows, total, n_pairs, settings, slice(len(found))) + total[: len(found)])
     errors = []
     for level in levels:
         middles = [np.average(level, weights=each * (level >= 0) + 1e-9) for each in (1 - proba, proba)]

@@ -31,8 +31,8 @@ from rpil.inference.groups import expert_share_interval
 from rpil.inference.held_out import HeldOutRidge, HeldOutSoftmax
 from rpil.inference.outliers import Claims
 from rpil.inference.parts import ActionScale
+from rpil.inference.scores import choose_ridge
 from rpil.inference.settings import HeldOutSettings
-from rpil.inference.trimming import choose_ridge
 from rpil.inference.trust import Judgement
 from rpil.numerics.regression import error_scale, medians, student_log_densities
 from rpil.numerics.types import Array, Bool, Float, Int
@@ -55,7 +55,7 @@ def audit_from_judgement(
     judgement: Judgement, source: DemonstrationSet, answers: Answers, who: Demonstrators, settings: AuditSettings
 ) -> Audit:
     """The audit of the judge, of the demonstrations `source` with these answers and demonstrators, if there are any."""
-    claims, log_odds, ids = judgement.claims, judgement.log_odds, source.ids
+    claims, log_odds, ids = judgement.claims, judgement.scores.log_odds, source.ids
     none, groups = np.zeros(len(ids)), claims.groups
     audit = Audit(
         ids=ids,

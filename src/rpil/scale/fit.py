@@ -17,11 +17,12 @@ import numpy as np
 from rpil.data.demonstrations import Block
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space, encode_actions
-from rpil.inference.channels import channels, columns_of, components, own_log_prob, summaries
-from rpil.inference.fitted_judge import FittedJudge, Ratio, fit_ratio
+from rpil.inference.channels import StateScale, channels, columns_of, components, own_log_prob, summaries
+from rpil.inference.fitted_judge import Ratio, fit_ratio
 from rpil.inference.groups import fit_groups
+from rpil.inference.held_out import indicators
 from rpil.inference.outliers import widened
-from rpil.inference.scores import dependence, mean_variance
+from rpil.inference.scores import mean_variance, means, monotony
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import Sums
@@ -51,9 +52,10 @@ class DesignMap:
 
 
 class BlockScores(NamedTuple):
-    """Result of one pass for the M demonstrations of a block; log-ratios and their means, the scores, are in nats."""
+    """Result of one pass for the M demonstrations of a block; log-ratios, their means and `own_log_prob` in nats."""
 
-    score: Array
+    mean: Array
+    own: Array
     squares: Array
     dependence: Array
     """Sum over the steps of the squared difference from the mean, and variance because steps depend on each other."""
@@ -67,27 +69,26 @@ class BlockScores(NamedTuple):
 
 
 def score_block(
-    prepared: tuple[Block, FitData], judge: FittedJudge, parts: tuple[Ratio, ...], settings: JudgeSettings
+    prepared: tuple[Block, FitData], policies: tuple[Ratio, ...], states: StateScale, settings: JudgeSettings
 ) -> BlockScores:
-    """Score the demonstrations of a block by the policy of the sample, and by those of its two parts, if it has any."""
-    data, ratio = prepared[1], judge.ratio
-    log_prob, log_ratio, scored = ratio.step_ratios(data.features, data.actions, settings.held_out)
-    actions = ratio.indicators(data.actions)
+    """Score the demonstrations of a block by `policies_of_sample`."""
+    data, (ratio, *parts) = prepared[1], policies
+    log_prob, log_ratio = ratio.step_ratios(data.features, data.actions, settings.held_out)
+    actions = indicators(data, ratio.scaling)
     own = own_log_prob(data, actions, settings.held_out.errors)
-    score, squares = judge.score(data, scored, own, settings)
-    described = channels(data, score, log_prob, log_ratio, actions, own, judge.states)
+    mean, squares, dependent = means(data, log_prob if data.space.has_density else log_ratio)
+    described = channels(data, log_prob, log_ratio, actions, own, states)
     by_part = [part.step_ratios(data.features, data.actions, settings.held_out)[0] for part in parts]
     side = data.mean_steps(by_part[0] - by_part[1]) if by_part else np.zeros(data.n_demonstrations)
     summed = summaries(data, actions).astype(np.float32)
-    dependent = dependence(data, scored, squares)
-    return BlockScores(score, squares, dependent, data.mean_steps(log_ratio > 0), described, side, summed, log_ratio)
+    reliability = data.mean_steps(log_ratio > 0)
+    return BlockScores(mean, own, squares, dependent, reliability, described, side, summed, log_ratio)
 
 
-def policies_of_parts(data: FitData, judged: Judgement, settings: JudgeSettings) -> tuple[Ratio, ...]:
-    """The policies of the part of a sample that a learner trusts, and of the other; none where there are no parts."""
-    groups = (judged.part > 0, judged.part < 0) if judged.part.any() else ()
-    weights = (data.per_step(group.astype(float)) for group in groups)
-    return tuple(fit_ratio(data, weight, judged.scores.fit.ridge, settings.held_out) for weight in weights)
+def policies_of_sample(data: FitData, judged: Judgement, settings: JudgeSettings) -> tuple[Ratio, ...]:
+    """The policies of the training group of a sample, of the part that a learner trusts, and of the other, if any."""
+    fit, parts = judged.scores.fit, (judged.part > 0, judged.part < 0) if judged.part.any() else ()
+    return tuple(fit_ratio(data, group, fit.ridge, settings.held_out) for group in (fit.group, *parts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +99,6 @@ class JudgedSample:
     indices: Array
     """The demonstrations of the sample among all."""
     judgement: Judgement
-    judge: FittedJudge
 
 
 def judge_everyone(
@@ -109,7 +109,7 @@ def judge_everyone(
     The finding is that of the sample; outside it, groups and verdicts are by the scores alone. The log-ratios of the
     steps are in a temporary file.
     """
-    judge, lengths, judged, rows = sample.judge, data.lengths, sample.judgement, list[tuple[Array, ...]]()
+    lengths, judged, rows = data.lengths, sample.judgement, list[tuple[Array, ...]]()
 
     def steps() -> Iterator[Array]:
         for *of_demonstrations, log_ratio in blocks:
@@ -117,17 +117,17 @@ def judge_everyone(
             yield log_ratio
 
     log_ratio = gathered(steps(), int(data.offsets[-1]))
-    score, squares, dependent, reliability, described, side, summed = map(np.concatenate, zip(*rows, strict=True))
+    mean, own, squares, dependent, reliability, described, side, summed = map(np.concatenate, zip(*rows, strict=True))
+    score = mean - monotony(own, judged.scores.typical_own, settings)
     score[sample.indices] = judged.scores.score  # held out, as the scores of all others are
-    variance = mean_variance(squares, lengths, judge.step_variance, settings.variance_steps)
+    variance = mean_variance(squares, lengths, judged.scores.step_variance, settings.variance_steps)
     groups = fit_groups(score, variance, lengths, settings.groups)
     scores = replace(judged.scores, score=score, variance=variance, dependence=dependent, groups=groups)
     claims = widened(judged.claims, scores, settings.outliers)
-    described[:, 0] = scores.log_odds
-    columns = columns_of(described, components(summed, settings.channels), score)
-    own, part = np.arange(len(score)), np.abs(judged.part[0]) * np.where(side > 0, 1.0, -1.0)
+    columns = columns_of(scores.log_odds, described, components(summed, settings.channels), score)
+    copy_of, part = np.arange(len(score)), np.abs(judged.part[0]) * np.where(side > 0, 1.0, -1.0)
     part[sample.indices] = judged.part
-    return Judgement(scores, columns, judged.states, claims, own, reliability, log_ratio, part)
+    return Judgement(scores, columns, judged.states, claims, copy_of, reliability, log_ratio, part)
 
 
 class WeightedBlock(NamedTuple):
