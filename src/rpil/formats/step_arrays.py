@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
@@ -68,6 +67,8 @@ class Part:
 
     def kind(self, name: str) -> Kind:
         """The kind of an array by its shape and type; nested where it has no value for each step, or holds images."""
+        if name in self.about:
+            return "text" if isinstance(self.about[name], str) else "number"
         array = self.arrays[name]
         shape, is_flat = array.shape, len(array.shape) == 1
         most = MAX_MATRIX if len(shape) > 2 else flat.WIDEST
@@ -95,7 +96,8 @@ def from_parts(
     empty = [str(part.about.get(id_column, k)) for k, part in enumerate(parts) if not part.n_steps]
     parts = [part for part in parts if part.n_steps]
     check_any(len(parts), source)
-    first, kinds = parts[0], _kinds(parts[0])
+    first = parts[0]
+    kinds = {name: first.kind(name) for name in (*first.arrays, *first.about)}
     widths = {name: math.prod(first.arrays[name].shape[1:]) for name, kind in kinds.items() if kind == "list"}
     lists = {name: flat.part_names(name, width, metadata.names.get(name, ())) for name, width in widths.items()}
     columns = find_columns(kinds, source, replace(options, id=options.id or id_column), lists=lists)
@@ -133,17 +135,6 @@ def from_parts(
     if empty:
         notes = (*notes, f"Left out, because they have no steps: {commas(empty)}.")
     return StepTables(map(table_of, _batches(parts)), columns, source, format_name, metadata=metadata, notes=notes)
-
-
-def _kinds(part: Part) -> dict[str, Kind]:
-    """The kind of every column by its type, and by its first values where it has one number a step."""
-    kinds, head = {name: part.kind(name) for name in part.arrays}, {}
-    for name in (name for name, kind in kinds.items() if kind == "number"):
-        with suppress(DataError, OSError):  # of columns that are not read; of others it is said later
-            values = np.asarray(part.arrays[name][: flat.HEAD_ROWS])[: part.n_steps]
-            head[name] = values.astype(_native_type(values.dtype), copy=False)
-    kinds |= flat.kinds_of(pa.table(head)) if head else {}
-    return kinds | {name: "text" if isinstance(value, str) else "number" for name, value in part.about.items()}
 
 
 def is_text(dtype: np.dtype[Any]) -> bool:
