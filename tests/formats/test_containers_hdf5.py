@@ -48,7 +48,7 @@ def test_low_dimensional_observations_are_read_in_the_order_of_numbers(tmp_path)
     assert not about.notes
 
 
-@pytest.mark.parametrize(("parent", "action"), [("data", ()), ("/", "leader/cmd")])
+@pytest.mark.parametrize(("parent", "action"), [("data", ()), ("episodes", ()), ("/", "leader/*")])
 def test_kept_demonstrations_are_as_they_were_with_all_else_of_the_file(tmp_path, parent, action):
     path = robomimic(tmp_path / "all.hdf5", parent=parent)
     with h5py.File(path, "r+") as file:
@@ -57,10 +57,10 @@ def test_kept_demonstrations_are_as_they_were_with_all_else_of_the_file(tmp_path
         if parent == "/":
             file["mask/train"], file["mask/valid"] = np.array([b"demo_0", b"demo_2"]), np.array([b"demo_10"])
             for name in ("demo_0", "demo_2", "demo_10"):
-                file.move(f"{name}/actions", f"{name}/{action}")
+                file.move(f"{name}/actions", f"{name}/leader/cmd")
     find(path).keep(tmp_path / "kept.hdf5", ["demo_10", "demo_0"], ColumnOptions(action=action))
     before, after = contents(path), contents(tmp_path / "kept.hdf5")
-    total = (parent, "total") if parent == "data" else ("/", "total")
+    total = (parent, "total")
     assert after.pop(total) == 10 + 12
     masks = {"mask/train": [b"demo_0"], "mask/valid": [b"demo_10"]}
     assert {name: after.pop(name) for name in masks} == masks
