@@ -61,7 +61,7 @@ class Arrays:
     source: str
     kind: str = ""  # the name of the format
     options: ColumnOptions = ColumnOptions()
-    attributes: Callable[[str], Mapping[str, object]] = lambda _: {}  # of the group at a path
+    attributes: Callable[[str], Tree] = lambda _: {}  # of the group at a path
     links: Sequence[str] = ()  # paths of links, none of which is followed
     unread: Mapping[str, str] = field(default_factory=dict)  # arrays that are not here, and why
 
