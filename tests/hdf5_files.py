@@ -10,27 +10,25 @@ h5py = pytest.importorskip("h5py", reason="the extra hdf5 is not installed")
 ENV = {"env_name": "Lift", "type": 1, "env_kwargs": {"control_freq": 20, "robots": ["Panda"]}}
 
 
-def robomimic(path, names=("demo_0", "demo_2", "demo_10"), raw=False, parent="data", extra=0):
-    """As robomimic, or with `raw` as robosuite; the number of steps is ten and the demonstration's place."""
-    rng = np.random.default_rng(0)
+def robomimic(path, raw=False, parent="data"):
+    """As robomimic and Isaac Lab, or with `raw` as robosuite, of 10, 11 and 12 steps; the second one failed."""
+    rng, names = np.random.default_rng(0), ("demo_0", "demo_2", "demo_10")
     with h5py.File(path, "w") as file:
         data = file.require_group(parent)
-        data.attrs["env_args"] = json.dumps(ENV)
-        data.attrs["total"] = sum(10 + k for k in range(len(names)))
+        data.attrs.update(env_args=json.dumps(ENV), total=33)
         for k, name in enumerate(names):
             n, demo = 10 + k, data.create_group(name)
-            demo.attrs["num_samples"] = n
-            demo.attrs["model_file"] = "<mujoco/>"
+            demo.attrs.update(num_samples=n, model_file="<mujoco/>", seed=42 + k, success=k != 1, operator="ab"[k % 2])
             demo["actions"] = rng.normal(size=(n, 7))
             demo["states"] = rng.normal(size=(n, 32))
             if not raw:
                 demo["rewards"], demo["dones"] = np.zeros(n), np.zeros(n, int)
-                demo["obs/robot/eef_pos"] = rng.normal(size=(n + extra, 3))
-                demo["obs/gripper"] = rng.normal(size=(n + extra, 1))
-                demo["obs/agentview_image"] = np.zeros((n + extra, 4, 4, 3), np.uint8)
+                demo["obs/robot/eef_pos"] = rng.normal(size=(n, 3))
+                demo["obs/gripper"] = rng.normal(size=(n, 1))
+                demo["obs/agentview_image"] = np.zeros((n, 4, 4, 3), np.uint8)
                 demo["next_obs/gripper"] = rng.normal(size=(n, 1))
                 demo["initial_state/root_pose"] = rng.normal(size=(1, 7))
-        if not raw and parent == "data":
+        if not raw and parent != "/":
             file["mask/train"] = np.array(names[:2], dtype="S")
             file["mask/valid"] = np.array(names[2:], dtype="S")
     return path
@@ -50,23 +48,16 @@ def aloha(folder, n_files=3):
     return folder
 
 
-def d4rl(path, lengths=(10, 12, 14), terminal=(0, 2), timeouts=True, following=False):
-    """Demonstrations of these `lengths`; those numbered `terminal` end, and the others are cut short."""
-    rng, n = np.random.default_rng(0), sum(lengths)
-    ends = np.cumsum(lengths) - 1
-    observations = rng.normal(size=(n, 4)).astype(np.float32)
+def d4rl(path):
+    """Demonstrations of 10, 12 and 14 steps, of which the second one is cut short."""
+    rng, n, ends = np.random.default_rng(0), 36, [9, 21, 35]
     with h5py.File(path, "w") as file:
-        file.create_dataset("observations", data=observations, compression="gzip")
+        file.create_dataset("observations", data=rng.normal(size=(n, 4)).astype(np.float32), compression="gzip")
         file["actions"] = rng.normal(size=(n, 2)).astype(np.float32)
         file["rewards"] = np.arange(n, dtype=float)
-        file["terminals"] = np.isin(np.arange(n), ends[list(terminal)])
+        file["terminals"] = np.isin(np.arange(n), ends[::2])
+        file["timeouts"] = np.arange(n) == ends[1]
         file["infos/qpos"] = rng.normal(size=(n, 3))
         file["metadata/algorithm"] = "SAC"
         file["metadata/weights"] = np.ones((4, 4))
-        if timeouts:
-            file["timeouts"] = np.isin(np.arange(n), ends) & ~file["terminals"][:]
-        if following:
-            next_observations = np.roll(observations, -1, axis=0)
-            next_observations[ends] += 1
-            file["next_observations"] = next_observations
     return path

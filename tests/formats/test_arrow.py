@@ -12,13 +12,9 @@ from rpil.formats import table as flat
 pd = pytest.importorskip("pandas")
 
 
-def as_pandas(table):
-    return table.to_pandas()
-
-
 FRAMES = {
     "pyarrow": lambda table: table,
-    "pandas": as_pandas,
+    "pandas": pa.Table.to_pandas,
     "polars": lambda table: pytest.importorskip("polars", reason="needs polars").from_arrow(table),
     # Text as polars gives it to Arrow.
     "views": lambda table: table.set_column(0, table.column_names[0], table[0].cast(pa.string_view())),
@@ -50,7 +46,7 @@ def test_trajectories_are_read_and_frames_are_fitted(problem):
         for seen, acted in rpil.Demonstrations(problem.observations, problem.actions, problem.offsets)
     ]
     np.testing.assert_array_equal(rpil.read(trajectories).observations, problem.observations)
-    frame = as_pandas(flat.from_demonstrations(rpil.read(trajectories), {}))
+    frame = flat.from_demonstrations(rpil.read(trajectories), {}).to_pandas()
     cloned, same = (rpil.BehavioralCloning().fit(given) for given in (frame, rpil.read(frame)))
     np.testing.assert_array_equal(cloned.predict(problem.observations[:5]), same.predict(problem.observations[:5]))
     with pytest.raises(DataError, match="trajectories have no columns to choose"):

@@ -65,16 +65,10 @@ def test_every_format_has_a_sample(tmp_path):
 
 
 def test_no_format_claims_what_is_another_s(path):
-    claimed = []
-    for one in FORMATS:
-        try:
-            if one.claims(path):
-                claimed.append(one.name)
-        except DataError:  # of what no other may open either
-            pytest.fail(f"{one.name} refuses what is not its own")
+    claimed = [one.name for one in FORMATS if one.claims(path)]  # none refuses what is not its own
     assert claimed[0] == find(path).format.name
     # Those that are told by their extensions say too little to be the first.
-    assert {*claimed[1:]} <= {"HDF5", "NPZ", "a folder of tables"}
+    assert {*claimed[1:]} <= {"a folder of tables"}
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00\x01", b"PK\x03\x04", b"\x89HDF\r\n\x1a\n", b"PAR1", b"{}", b"a,b\n"])

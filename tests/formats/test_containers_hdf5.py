@@ -1,11 +1,15 @@
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import rpil
 from hdf5_files import h5py, robomimic
 from hostile import full_disk
+from problems import refused
 from rpil import formats
+from rpil.data.arrays import LONGEST_TEXT
 from rpil.data.errors import DataError
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.registry import find
@@ -48,7 +52,7 @@ def test_low_dimensional_observations_are_read_in_the_order_of_numbers(tmp_path)
     assert not about.notes
 
 
-@pytest.mark.parametrize(("parent", "action"), [("data", ()), ("/", "leader/cmd")])
+@pytest.mark.parametrize(("parent", "action"), [("data", ()), ("episodes", ()), ("/", "leader/*")])
 def test_kept_demonstrations_are_as_they_were_with_all_else_of_the_file(tmp_path, parent, action):
     path = robomimic(tmp_path / "all.hdf5", parent=parent)
     with h5py.File(path, "r+") as file:
@@ -57,10 +61,10 @@ def test_kept_demonstrations_are_as_they_were_with_all_else_of_the_file(tmp_path
         if parent == "/":
             file["mask/train"], file["mask/valid"] = np.array([b"demo_0", b"demo_2"]), np.array([b"demo_10"])
             for name in ("demo_0", "demo_2", "demo_10"):
-                file.move(f"{name}/actions", f"{name}/{action}")
+                file.move(f"{name}/actions", f"{name}/leader/cmd")
     find(path).keep(tmp_path / "kept.hdf5", ["demo_10", "demo_0"], ColumnOptions(action=action))
     before, after = contents(path), contents(tmp_path / "kept.hdf5")
-    total = (parent, "total") if parent == "data" else ("/", "total")
+    total = (parent, "total")
     assert after.pop(total) == 10 + 12
     masks = {"mask/train": [b"demo_0"], "mask/valid": [b"demo_10"]}
     assert {name: after.pop(name) for name in masks} == masks
@@ -75,6 +79,47 @@ def test_a_file_as_robosuite_wrote_it():
     assert recording.demonstrations.observations.shape == (50, 44)  # without the time of the simulator
     assert recording.demonstrations.actions.shape == (50, 7)
     assert "joint_torques" in recording.description.ignored
+
+
+def test_attributes_of_groups_are_facts_where_they_are_named(tmp_path):
+    path = robomimic(tmp_path / "isaac.hdf5")
+    recording = rpil.open(path)
+    assert {recording.description.ignored[name] for name in ("success", "operator", "seed")} == {NO_STEPS}
+    assert (recording.operators, {*recording.tasks.values()}) == ([], {"Lift"})
+    assert recording.times().frames == {"demo_0": 10, "demo_2": 11, "demo_10": 12}
+    recording = rpil.open(path, outcome=["succ*", "-seed"], session="Seed", task="operator", operator="operator")
+    assert [one.tolist() for one in recording.facts.outcomes] == [[1, 0, 1], [-42, -43, -44]]
+    assert recording.facts.sessions == ("42", "43", "44")
+    assert recording.operators == [*recording.tasks.items()] == [("demo_0", "a"), ("demo_2", "b"), ("demo_10", "a")]
+    with h5py.File(path, "r+") as file:  # an array counts before an attribute of its name
+        for name, demo in file["data"].items():
+            demo["success"], demo["seed"] = np.full(len(demo["actions"]), name != "demo_0"), name == "demo_2"
+            demo.attrs["task"] = f"lift {name}"  # which counts before what is said of all
+    recording = rpil.open(path, outcome=["success", "seed"])
+    assert [one.tolist() for one in recording.facts.outcomes] == [[0, 1, 1], [0, 1, 0]]
+    assert recording.tasks == {name: f"lift {name}" for name in recording.ids}
+
+
+NO_FACTS = [[1, 2], h5py.Empty("f"), np.array((1, 2.0), "i4,f8"), "b" * (LONGEST_TEXT + 1), np.bytes_(60_000 * b"b")]
+
+
+@pytest.mark.parametrize(
+    ("first", "other", "found"),
+    [
+        (True, 2.5, [1, 2.5]), ([3], 4, [3, 4]), (7, "yes", ["7", "yes"]),
+        (np.bytes_(b"a"), "b" * LONGEST_TEXT, ["a", "b" * LONGEST_TEXT]),
+        (1, None, "'demo_2': it has no 'fact', as others have"),
+        *((value, 1, "'demo_0': 'fact' has the shape") for value in NO_FACTS),
+    ],
+)  # fmt: skip
+def test_facts_are_numbers_or_short_texts(tmp_path, first, other, found):
+    path = robomimic(tmp_path / "lift.hdf5")
+    with h5py.File(path, "r+") as file:
+        for name, demo in file["data"].items():
+            demo.attrs.update({} if (value := first if name == "demo_0" else other) is None else {"fact": value})
+    assert rpil.open(path).description.ignored["fact"] == NO_STEPS
+    with refused(found) if isinstance(found, str) else nullcontext():
+        assert [value for _, value in rpil.open(path, operator="fact").operators] == [*found, found[1]]
 
 
 def test_filter_keys_in_other_files_are_not_read(tmp_path):

@@ -71,9 +71,8 @@ def tables(folder):
 
 def arrays(folder):
     for m in range(5):
-        np.savez(
-            folder / f"{m}.npz", observations=np.random.default_rng(m).normal(size=(8, 2)), actions=np.arange(8) % 2
-        )
+        seen = np.random.default_rng(m).normal(size=(8, 2))
+        np.savez(folder / f"{m}.npz", observations=seen, actions=np.arange(8) % 2)
     (folder / "2.npz").write_bytes((folder / "2.npz").read_bytes()[:200])
 
 

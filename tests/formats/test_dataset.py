@@ -52,10 +52,8 @@ def test_blocks_of_shards_that_are_sent_are_those_in_memory(tmp_path, continuous
 def test_files_with_other_columns_or_of_another_kind_are_refused(tmp_path):
     table = flat.from_demonstrations(demonstrations(), {})
     folder = written(tmp_path / "many")
-    pq.write_table(
-        table.rename_columns([n.replace("observation.1", "observation.x") for n in table.column_names]),
-        folder / "3.parquet",
-    )
+    names = [name.replace("observation.1", "observation.x") for name in table.column_names]
+    pq.write_table(table.rename_columns(names), folder / "3.parquet")
     which = "without 'observation.1' and with 'observation.x'"
     with refused(rf"3.parquet: its columns are not those of 0.parquet .{which}.; .* take it out"):
         rpil.open(folder, on_disk=True)

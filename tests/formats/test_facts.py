@@ -133,16 +133,6 @@ def test_a_clock_that_goes_back_tells_no_time():
         assert Clock(np.array(ticks), 1.0).seconds(np.array([0, 2, 4])) == told
 
 
-def test_robomimic_says_its_lengths(tmp_path):
-    h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
-    with h5py.File(tmp_path / "lift.hdf5", "w") as file:
-        for name, number in (("demo_0", 3), ("demo_1", 9), ("demo_2", "many")):
-            file[f"data/{name}/actions"] = np.zeros((3, 2))
-            file[f"data/{name}/obs/x"] = np.zeros((3, 2))
-            file[f"data/{name}"].attrs["num_samples"] = number
-    assert read_recording(tmp_path / "lift.hdf5").times().frames == {"demo_0": 3, "demo_1": 9}
-
-
 POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:2776b1487c\nsize 82515\n"
 
 

@@ -30,14 +30,9 @@ def drives(n=12, **changes):
 pytestmark = pytest.mark.usefixtures("current_folder")  # of which refused() reads all files
 
 
-@pytest.fixture
-def drive():
+def test_trips_and_what_drivers_steer_with_are_found_by_name():
     pa.csv.write_csv(drives(), "my drive.csv")
-    return "my drive.csv"
-
-
-def test_trips_and_what_drivers_steer_with_are_found_by_name(drive):
-    for data in (drive, drives()):
+    for data in ("my drive.csv", drives()):
         recording = rpil.open(data)
         assert len(recording.demonstrations) == 12
         assert recording.description.actions == ("steer", "brake_pressure")

@@ -45,11 +45,8 @@ def test_a_column_that_repeats_it_almost_or_that_is_all_there_is_stays(options, 
 
 STEPS = 120
 RNG = np.random.default_rng(1)
-SKILL, BUTTON, DIAL, SPEED = (
-    RNG.choice(["go", "stop"], STEPS),
-    RNG.integers(3, size=STEPS),
-    *RNG.normal(size=(2, STEPS)),
-)
+SKILL, BUTTON = RNG.choice(["go", "stop"], STEPS), RNG.integers(3, size=STEPS)
+DIAL, SPEED = RNG.normal(size=(2, STEPS))
 
 
 def opened(parts, **options):

@@ -31,9 +31,8 @@ def test_a_folder_without_a_name_is_read_on_disk(tmp_path, monkeypatch, where):
     data.mkdir(parents=True)
     folder = data if where == "." else data.parent
     for k in range(3):
-        (folder / f"{k}.csv").write_text(
-            "episode_id,observation,action\n" + "".join(f"{k},{i},{i % 2}\n" for i in range(9))
-        )
+        rows = "".join(f"{k},{i},{i % 2}\n" for i in range(9))
+        (folder / f"{k}.csv").write_text(f"episode_id,observation,action\n{rows}")
     monkeypatch.chdir(data)
     assert len(read_recording(where, on_disk=True).demonstrations) == 3
     gc.collect()

@@ -55,10 +55,6 @@ def units(text):
     return len([line for line in text.split("\n") if line.strip()]) - 1
 
 
-def read(path):
-    return rpil.open(path, id="episode_index").description.steps
-
-
 def lost(folder, seeds):
     """The mutants that are read with other units, of those of these seeds."""
     found = []
@@ -68,7 +64,7 @@ def lost(folder, seeds):
         damaged = mutant(text, rng)
         (folder / name).write_text(damaged)
         try:
-            n = read(folder / name)
+            n = rpil.open(folder / name, id="episode_index").description.steps
         except DataError:
             continue
         if n != units(damaged):

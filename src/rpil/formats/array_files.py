@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Set
 from dataclasses import replace
 from functools import partial
@@ -22,8 +21,9 @@ from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.containers import ZIP, is_zarr, keep_groups, open_hdf5, open_zarr
 from rpil.formats.format import Format, Metadata, StepTables, called
+from rpil.formats.parquet import frame_rate
 from rpil.formats.scan import commas, without_damaged
-from rpil.formats.step_arrays import Closed, Part, StoredArray, from_parts, read_once
+from rpil.formats.step_arrays import Closed, Part, StoredArray, Tree, from_parts, read_once
 from rpil.formats.table_folder import has_tables
 from rpil.numerics.types import Array
 
@@ -105,8 +105,7 @@ def _files(path: Path) -> dict[str, Path]:
 def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
     """The demonstration in one file, with what a text beside it says of its task and outcome, and notes.
 
-    Numbers that may be an outcome are facts about it. A `DataError` where there are no actions, or several
-    demonstrations.
+    A `DataError` where there are no actions, or several demonstrations.
     """
     found, beside = {}, file.parent / "meta.json"
     if file.parent != top and beside.is_file():
@@ -124,15 +123,12 @@ def _part(name: str, file: Path, top: Path) -> tuple[Part, tuple[str, ...]]:
     several += [m for m in these.shaped(((n,),), "ids") if len(np.unique(these.values(m))) > 1]
     if several:
         raise DataError(f"{these.source}: {fault} {several[0]} names several; give the path of the file itself.")
-    numbers = [m for m, one in arrays.items() if one.shape in ((), (1,)) and one.dtype.kind in "biuf"]
-    facts = {m: np.asarray(arrays[m][...]).item() for m in numbers if may_be_outcome(m)}
-    own = {m: one for m, one in arrays.items() if m not in facts or one.shape == (n,)}  # of one step
 
     def rows_of(name: str, rows: slice) -> object:
         return _open(file).arrays[name][rows]
 
-    closed = {m: Closed(one.shape, one.dtype, partial(rows_of, m)) for m, one in own.items()}
-    return Part(n, closed, {_FILE_NAME: name, **tasks, **ends, **facts}), these.notes
+    closed = {m: Closed(one.shape, one.dtype, partial(rows_of, m)) for m, one in arrays.items()}
+    return Part(n, closed, {_FILE_NAME: name, **tasks, **ends}), these.notes
 
 
 def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> StepTables:
@@ -143,27 +139,24 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> Step
     names = dict.fromkeys(path.split("/")[1] for path in these.arrays if within and path.startswith(within))
     if without := commas([name for name in names if name not in groups]):
         notes = (*notes, f"Left out, because they are links, or hold no actions: {without}.")
-    rate, task = (_said(these.attributes(within), what) for what in ("rate", "task"))
+    rate, task = (_said(these.attributes(within or "/"), what) for what in ("rate", "task"))
     parts, lengths = list[Part](), dict[Id, int]()
     for name, one in groups.items():
         attributes = these.attributes(within + name)
         words = _said(attributes, "task") or task
-        about = {"task": words} if isinstance(words, str) else {}
-        parts.append(replace(one, about={_GROUP_NAME: name, **about}))
-        stated = attributes.get("num_samples")
-        lengths |= {name: int(stated)} if isinstance(stated, int | np.integer) else {}
-    fps = float(rate) if isinstance(rate, int | float) and math.isfinite(rate) and rate > 0 else None
+        about = {_GROUP_NAME: name, **({"task": words} if isinstance(words, str) else {})}
+        parts.append(replace(one, arrays={**attributes, **one.arrays}, about=about))
+        lengths |= {name: stated} if isinstance(stated := parts[-1].fact("num_samples"), int) else {}
+    metadata = Metadata(fps=frame_rate(rate), lengths=lengths)
     name = f"{these.kind} of robomimic's layout" if within else f"{these.kind}, a group for each demonstration"
-    return from_parts(parts, _GROUP_NAME, these.source, name, options, Metadata(fps=fps, lengths=lengths), notes)
+    return from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes)
 
 
-def _said(attributes: Mapping[str, object], what: str) -> object:
+def _said(attributes: Tree, what: str) -> object:
     """Value of a group's attribute on the task or the rate, by `_ATTRIBUTES`; None where they say nothing."""
     for place in _ATTRIBUTES[what]:
         name, *keys = place.split("/")
-        if name not in attributes:  # faster than an error of the library
-            continue
-        value = attributes[name]
+        value = attributes[name][...] if name in attributes else None
         for key in keys:
             value = (value if isinstance(value, dict) else object_in(value)).get(key)
         if isinstance(value, str | int | float) and value:

@@ -6,6 +6,7 @@ Arrays lie end to end, (N, ...), where ids, lengths, starts or ends tell demonst
 
 from __future__ import annotations
 
+import fnmatch
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -60,7 +61,7 @@ class Arrays:
     source: str
     kind: str = ""  # the name of the format
     options: ColumnOptions = ColumnOptions()
-    attributes: Callable[[str], Mapping[str, object]] = lambda _: {}  # of the group at a path
+    attributes: Callable[[str], Tree] = lambda _: {}  # of the group at a path
     links: Sequence[str] = ()  # paths of links, none of which is followed
     unread: Mapping[str, str] = field(default_factory=dict)  # arrays that are not here, and why
 
@@ -123,14 +124,14 @@ class Arrays:
 
     def groups(self) -> tuple[str, dict[str, Part]]:
         """Where the groups of demonstrations are, and the arrays in each that holds actions, by its name."""
-        within = "data/" if any(path.startswith("data/") for path in self.arrays) else ""
+        within = next((m for m in ("data/", "episodes/") if any(path.startswith(m) for path in self.arrays)), "")
         found: dict[str, dict[str, StoredArray]] = {}
         for path, array in self.arrays.items():
             name, slash, rest = path.removeprefix(within).partition("/")
             if slash and path.startswith(within):
                 found.setdefault(name, {})[rest] = array
-        acted = ((m, [tree[a] for a in _actions(tree, self.options) if a in tree][:1]) for m, tree in found.items())
-        return within, {m: Part(one.shape[0], found[m]) for m, own in acted for one in own if one.shape}
+        acted = ((m, [tree[a].shape for a in _actions(tree, self.options) if a in tree]) for m, tree in found.items())
+        return within, {m: Part(shape[0], found[m]) for m, own in acted for shape in [*filter(None, own)][:1]}
 
     def cut(self) -> Cut:
         """The demonstrations by ids, or the first row of `_ROWS` that fits; a `DataError` where none does."""
@@ -256,7 +257,7 @@ class Arrays:
 
 def _actions(arrays: Tree, options: ColumnOptions) -> tuple[str, ...]:
     """The names that the array of actions may have, the likeliest first."""
-    names = (*as_list(options.action), *ROLES["actions"])
+    names = (*(m for one in as_list(options.action) for m in (one, *fnmatch.filter(arrays, one))), *ROLES["actions"])
     if not arrays.keys().isdisjoint(names):
         return names
     plain = {name: plain_name(name) for name in arrays}

@@ -15,7 +15,7 @@ import warnings
 import zipfile
 from collections.abc import Container, Mapping, Set
 from contextlib import suppress
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +27,7 @@ from rpil.data.memory import MIB, check_free
 from rpil.data.text import natural_key
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions
-from rpil.formats.step_arrays import Closed
+from rpil.formats.step_arrays import Closed, is_value
 from rpil.numerics.types import Array
 
 if TYPE_CHECKING:
@@ -67,7 +67,19 @@ def open_hdf5(path: Path, options: ColumnOptions = ColumnOptions()) -> tuple[h5p
         room = [_ROOM]
         found = {place: _FileArray(file, place, room) for place in leaves if is_hard[place]}
         links = [place for place in leaves if place not in found]
-        return file, Arrays(found, path.name, "HDF5", options, lambda group: file[group or "/"].attrs, links)
+        return file, Arrays(found, path.name, "HDF5", options, partial(_attributes, file), links)
+
+
+def _attributes(file: h5py.File, group: str) -> dict[str, Closed]:
+    """The attributes of a group, which are read when they are asked for: None where one is no number and no text."""
+    text = np.dtype(object, metadata={"vlen": str})  # what an array may be of which more is known when it is read
+
+    def read(name: str, _: object) -> object:
+        stored = (found := file[group].attrs).get_id(name)
+        is_one = stored.shape in ((), (1,)) and stored.dtype.itemsize <= _SMALL and is_value(stored.dtype)
+        return found[name] if is_one else None
+
+    return {name: Closed((), text, partial(read, name)) for name in file[group].attrs}
 
 
 class _FileArray:

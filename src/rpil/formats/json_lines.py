@@ -22,7 +22,6 @@ from rpil.formats.table_folder import has_tables
 
 JSON_SUFFIXES = (".jsonl", ".ndjson", ".catalog")
 _LARGEST_BLOCK = (1 << 31) - 1
-_NO_LINES = "no lines of JSON, or damaged or truncated ones", "write an object of the same kind on each line"
 
 
 def claims(path: Path) -> bool:
@@ -58,7 +57,8 @@ def _files(path: Path) -> list[Path]:
 def _parsed(file: Path) -> pa.Table:
     """A row for each line of a file that is not empty, which may be as long as the file; a `DataError` where one holds
     no object, or several."""
-    with guarded(file.name, *_NO_LINES):
+    fault, remedy = "no lines of JSON, or damaged or truncated ones", "write an object of the same kind on each line"
+    with guarded(file.name, fault, remedy):
         size = min(file.stat().st_size + 1, _LARGEST_BLOCK)
         table = plain_columns(pa.json.read_json(file, pa.json.ReadOptions(use_threads=False, block_size=size)))
         with file.open("rb") as lines:

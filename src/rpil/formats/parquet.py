@@ -211,9 +211,8 @@ class MetaFolder:
 
     def tables(self, name: str) -> list[Path]:
         """The Parquet files of a table, in order."""
-        first = (place.relative_to(self.path / "meta").parts[0] for place in self.files)
-        own = (place for place, part in zip(self.files, first, strict=True) if part in (name, f"{name}.parquet"))
-        return [place for place in own if place.suffix == ".parquet"]
+        tables, meta = (one for one in self.files if one.suffix == ".parquet"), self.path / "meta"
+        return [one for one in tables if one.relative_to(meta).parts[0] in (name, f"{name}.parquet")]
 
     def rows(self, name: str, wanted: Callable[[str], bool] = lambda _: True) -> list[dict[str, Parsed]]:
         """The rows of a table: of lines of JSON before version 3.0, of Parquet files since; none where it is not there.

@@ -112,9 +112,6 @@ def _n_parts(kind: pa.DataType) -> int:
     return sum(_n_parts(stored.field(k).type) for k in range(stored.num_fields)) or 1
 
 
-Fields = dict[tuple[int, ...], int]
-"""The integers in an object of Thrift by the number of the field, with those of the objects that it is in."""
-
 _PAGE_BYTES, _N_VALUES, _N_VALUES_2 = (3,), (5, 1), (8, 1)
 """Fields of the header of a page: its bytes in the file, and its values in the versions 1 and 2 of pages."""
 
@@ -141,10 +138,10 @@ def check_pages(file: pq.ParquetFile, stream: pa.NativeFile, columns: Collection
                     raise DataError(f"{name}: {fault}; it is damaged, write it again.")
 
 
-def fields_of(content: io.BytesIO) -> Fields:
-    """The fields of the object of Thrift at the place of `content`, which is then behind it."""
-    found: Fields = {}
-    number = 0
+def fields_of(content: io.BytesIO) -> dict[tuple[int, ...], int]:
+    """The integers of the object of Thrift at the place of `content`, which is then behind it, by the number of the
+    field, after those of the objects that it is in."""
+    found, number = dict[tuple[int, ...], int](), 0
     while head := content.read(1)[0]:
         kind, number = head & 15, number + (head >> 4) if head >> 4 else _signed(content)
         if kind in (4, 5, 6):  # integers

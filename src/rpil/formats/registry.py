@@ -56,14 +56,9 @@ is opened for them; what any folder may be comes last."""
 
 
 def find_format(path: StrPath) -> Format | None:
-    """The format that claims a file or a folder; None for what is not there or not known.
-
-    A `DataError`, before anything is opened, where `check_folder` raises one.
-    """
-    place = Path(path)
-    if not place.exists():
-        return None
-    files.check_folder(files.check_exists(place))
+    """The format that claims a file or a folder, if any; a `DataError`, before anything is opened, where it is not
+    there, or `check_folder` raises one."""
+    files.check_folder(place := files.check_exists(path))
     return next((one for one in FORMATS if one.claims(place)), None)
 
 
@@ -171,8 +166,7 @@ def find(path: StrPath) -> ClaimedPath:
         raise DataError(f"{scheme}://...: addresses are not read; download the data, and give their path.")
     known = find_format(path)
     if known is None:
-        there = files.check_exists(path)
-        table_folder.refuse_others(there, [there.name])
+        table_folder.refuse_others(there := Path(path), [there.name])
         files.check_extension(there, suffixes())
     assert known is not None, "an extension that is known is claimed"
     return ClaimedPath(path, known)

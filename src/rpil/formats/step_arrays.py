@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from rpil.data.arrays import Id, check_any
+from rpil.data.arrays import LONGEST_TEXT, Id, check_any
 from rpil.data.errors import DataError
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.formats import table as flat
@@ -59,15 +58,25 @@ class Part:
 
     n_steps: int  # T, the number of actions
     arrays: Tree  # of T rows, or T + 1, the last of which is left out; others are ignored
-    about: Mapping[str, Id | float] = field(default_factory=dict)  # what holds for all steps, as the id and the task
+    about: Mapping[str, Id | float] = field(default_factory=dict)  # of one demonstration, as its id and its task
 
     def has_steps(self, name: str) -> bool:
         """Whether an array of this name has one value, or row of values, for each step."""
         shape = self.arrays[name].shape
         return bool(shape) and shape[0] - self.n_steps in (0, 1) and math.prod(shape[1:]) > 0
 
+    def fact(self, name: str) -> Id | float | None:
+        """The number or short text of a demonstration as a whole, in an array or in `about`; None where neither is."""
+        one, value = self.arrays.get(name), None
+        if self.about and one is not None and one.shape in ((), (1,)) and is_value(one.dtype):
+            value = np.asarray(one[...]).item()
+            value = value.decode() if isinstance(value, bytes) else value
+        return self.about.get(name) if value is None or len(str(value)) > LONGEST_TEXT else value
+
     def kind(self, name: str) -> Kind:
         """The kind of an array by its shape and type; nested where it has no value for each step, or holds images."""
+        if name in self.about:
+            return "text" if isinstance(self.about[name], str) else "number"
         array = self.arrays[name]
         shape, is_flat = array.shape, len(array.shape) == 1
         most = MAX_MATRIX if len(shape) > 2 else flat.WIDEST
@@ -76,7 +85,7 @@ class Part:
             return "nested"
         if is_text(array.dtype):
             return "text" if is_flat else "nested"
-        return "nested" if array.dtype.kind not in "biuf" else "number" if is_flat else "list"
+        return "nested" if not is_value(array.dtype) else "number" if is_flat else "list"
 
 
 def from_parts(
@@ -92,18 +101,22 @@ def from_parts(
 
     A `DataError` where a column is not found or missing in a part, differs in shape, or takes too much memory.
     """
-    empty = [str(part.about.get(id_column, k)) for k, part in enumerate(parts) if not part.n_steps]
+    if empty := [str(part.about.get(id_column, k)) for k, part in enumerate(parts) if not part.n_steps]:
+        notes = (*notes, f"Left out, because they have no steps: {commas(empty)}.")
     parts = [part for part in parts if part.n_steps]
     check_any(len(parts), source)
-    first, kinds = parts[0], _kinds(parts[0])
+    first = parts[0]
+    kinds = {name: first.kind(name) for name in (*first.arrays, *first.about)}
     widths = {name: math.prod(first.arrays[name].shape[1:]) for name, kind in kinds.items() if kind == "list"}
     lists = {name: flat.part_names(name, width, metadata.names.get(name, ())) for name, width in widths.items()}
     columns = find_columns(kinds, source, replace(options, id=options.id or id_column), lists=lists)
-    without = [name for name in columns.ignored if name in first.arrays and not first.has_steps(name)]
+    without = [m for m in {*columns.ignored} - {*columns.all} if m in first.arrays and not first.has_steps(m)]
     more = (name for part in parts[1:] for name in (*part.arrays, *part.about) if name not in kinds)
     ignored = {**columns.ignored, **dict.fromkeys(without, NO_STEPS), **dict.fromkeys(more, NOT_IN_FIRST)}
     columns = replace(columns, ignored=ignored)
-    whole = [name for name in columns.all if all(name in part.about for part in parts)]
+    others = {*columns.all} - {*columns.actions, *columns.observations}
+    facts = {m: [part.fact(m) for part in parts] for m in others if first.fact(m) is not None}
+    whole = {m: np.array(own).tolist() for m, own in facts.items() if None not in own}
     steps = [name for name in columns.stored if name not in whole]
     for part in sorted(parts, key=lambda part: all(name in part.arrays or name in part.about for name in steps)):
         place = f"{source}, demonstration {part.about[id_column]!r}" if id_column in part.about else source
@@ -115,35 +128,29 @@ def from_parts(
             if is_other or part.kind(name) == "nested":
                 has = f"the shape {array.shape} and the type {array.dtype} for {part.n_steps:,} actions"
                 raise DataError(f"{place}: {name!r} has {has}, not one row of as many numbers for each; leave it out.")
+    parts = [replace(part, about={m: own[k] for m, own in whole.items()}) for k, part in enumerate(parts)]
     if not options.on_disk:
         arrays = [part.arrays[name] for part in parts for name in columns.stored if name in part.arrays]
         n_bytes = sum(max(BYTES_PER_NUMBER, one.dtype.itemsize) * math.prod(one.shape) for one in arrays)
+        n_bytes += sum(part.n_steps * len(str(value)) for part in parts for value in part.about.values())
         check_memory(n_bytes, source, options.memory)
     dtypes = {name: [part.arrays[name].dtype for part in parts] for name in steps}
     types = {m: None if is_text(own[0]) else np.result_type(*map(_native_type, own)) for m, own in dtypes.items()}
 
     def table_of(pieces: Sequence[tuple[Part, slice]]) -> pa.Table:
         values = {m: _column([part.arrays[m][rows] for part, rows in pieces], types[m]) for m in steps}
-        lengths = [rows.stop - rows.start for _, rows in pieces]
-        about = {m: np.repeat(np.array([part.about[m] for part, _ in pieces]), lengths) for m in whole}
+        owners = np.repeat(np.arange(len(pieces)), [rows.stop - rows.start for _, rows in pieces])
+        about = {m: pa.array([part.about[m] for part, _ in pieces]).take(owners) for m in whole}
         return flat.flattened(pa.table(values | about), columns.lists, columns.all)
 
     if longer := [name for name in steps if any(part.arrays[name].shape[0] > part.n_steps for part in parts)]:
         notes = (*notes, f"The last value of {commas(longer)}, which comes after the last action, is left out.")
-    if empty:
-        notes = (*notes, f"Left out, because they have no steps: {commas(empty)}.")
     return StepTables(map(table_of, _batches(parts)), columns, source, format_name, metadata=metadata, notes=notes)
 
 
-def _kinds(part: Part) -> dict[str, Kind]:
-    """The kind of every column by its type, and by its first values where it has one number a step."""
-    kinds, head = {name: part.kind(name) for name in part.arrays}, {}
-    for name in (name for name, kind in kinds.items() if kind == "number"):
-        with suppress(DataError, OSError):  # of columns that are not read; of others it is said later
-            values = np.asarray(part.arrays[name][: flat.HEAD_ROWS])[: part.n_steps]
-            head[name] = values.astype(_native_type(values.dtype), copy=False)
-    kinds |= flat.kinds_of(pa.table(head)) if head else {}
-    return kinds | {name: "text" if isinstance(value, str) else "number" for name, value in part.about.items()}
+def is_value(dtype: np.dtype[Any]) -> bool:
+    """Whether values are numbers or texts."""
+    return dtype.kind in "biuf" or is_text(dtype)
 
 
 def is_text(dtype: np.dtype[Any]) -> bool:

@@ -27,9 +27,6 @@ from rpil.numerics.types import Array
 
 _EPISODES = "meta/episodes/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 
-Places = dict[str, tuple[int, int]]
-"""Chunk and file of new files, by the path of the old one."""
-
 
 def claims(path: Path) -> bool:
     """Whether `path` is a folder with ``meta/info.json`` and ``data``."""
@@ -69,14 +66,14 @@ def write_episodes(
     old: CheckedFolder,
     new: Path,
     kept: Mapping[int, EpisodeRows],
-    places: Places,
+    places: Mapping[str, tuple[int, int]],
     shots: Sequence[Shot],
     n_in_chunk: int,
 ) -> list[dict[str, Parsed]]:
     """Write what is said of the kept episodes, with their new numbers, and the `places` of their data, and the videos
     that have the `shots` of them. Returned is what is written of each episode, such as ``stats/action/min``."""
     rows = {int(row["episode_index"]): row for row in old.rows("episodes")}
-    start, copied = 0, defaultdict[str, Places](dict)
+    start, copied = 0, defaultdict[str, dict[str, tuple[int, int]]](dict)
     for number, (m, of_data) in enumerate(kept.items()):
         row, end = rows[m], start + of_data.n
         for name, first in {"index": start, "episode_index": number}.items():
