@@ -42,6 +42,7 @@ NEVER = 1e9
 RANKS = "ranks, not distances"
 WITHOUT: dict[str, tuple[Any, str, Callable[..., Any]]] = {
     "steps as independent": (scores, "dependence", lambda data, *_: np.zeros(data.n_demonstrations)),
+    "few steps as many": (scores, "fewer_steps", lambda lengths, _: np.zeros(len(lengths))),
     "own rules are linear": (outliers, "neighbour_gain", lambda *_: -np.inf),
 }
 """Rules without a setting: where each is, and what takes its place."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 
 import numpy as np
 
@@ -80,6 +81,23 @@ def small(k: int) -> World:
     return World.of(Demonstrations.from_episodes(episodes), good)
 
 
+def unequal(n: int, bad: str, seed: int) -> World:
+    """`n` flights to a place in wind: a third are 10 to 40 steps, and the others up to 800. One in seven is `bad`."""
+    rng, episodes = np.random.default_rng([25, n, len(bad), seed]), []
+    good = rng.permutation(n) >= (round(n / 7) if bad else 0)
+    for m, is_good in enumerate(good):
+        place, speed, wind, states, actions = rng.normal(size=3), np.zeros(3), np.zeros(3), [], []
+        for _ in range(int(rng.integers(10, 800 if m % 3 else 40))):
+            states.append(np.concatenate([place, speed]))
+            action = -1.5 * place - 1.2 * speed + (1.0 if bad == "noisy" and not is_good else 0.1) * rng.normal(size=3)
+            actions.append(rng.normal(size=3) if bad == "random" and not is_good else action)
+            wind = 0.98 * wind + 0.1 * rng.normal(size=3)
+            speed = speed + 0.05 * (actions[-1] + wind)
+            place = place + 0.05 * speed
+        episodes.append((np.array(states), np.array(actions)))
+    return World.of(Demonstrations.from_episodes(episodes), good)
+
+
 KINDS: dict[str, tuple[Callable[..., World], tuple[tuple[object, ...], ...]]] = {
     "operators": (operators, tuple((seed,) for seed in range(50))),
     "careless": (disc, tuple(("careless", percent, seed) for percent in SHARES for seed in range(5))),
@@ -87,5 +105,6 @@ KINDS: dict[str, tuple[Callable[..., World], tuple[tuple[object, ...], ...]]] = 
     "bent rule": (bent, tuple((n, seed) for n in (2, 3, 4, 6, 30) for seed in range(4))),
     "pendulum": (feeble, tuple((seed,) for seed in range(20))),
     "small": (small, tuple((k,) for k in range(62))),
+    "unequal": (unequal, tuple(product((20, 40, 80), ("", "noisy", "random"), range(6)))),
 }
 """What makes each kind of world, and with what."""

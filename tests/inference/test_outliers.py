@@ -179,7 +179,7 @@ def test_where_the_state_says_nothing_discrete_outliers_are_found_all_the_same()
         found = claim(scoring, replace(scores, state_predicts_action=False))
         assert (found.finding, np.flatnonzero(found.lower).tolist()) == expected
     scoring, scores = scored([*FAR[:7], -0.29, -0.29], 0.51, discrete=True)
-    unsure = replace(scores, dependence=np.ones(9), state_predicts_action=False)  # by which nobody is below
+    unsure = replace(scores, excess=np.ones(9), state_predicts_action=False)  # by which nobody is below
     assert claim(scoring, unsure).finding == "nothing could be learned"
     assert said(UPPER) == said(UPPER, discrete=True) == ("no outliers", [])
 

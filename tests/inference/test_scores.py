@@ -11,7 +11,7 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import own_log_prob
 from rpil.inference.held_out import held_out_model, indicators, log_reference
-from rpil.inference.scores import Scoring, TrimmedFit, mean_variance, monotony
+from rpil.inference.scores import Scoring, TrimmedFit, dependence, mean_variance, monotony
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 
 SETTINGS = JudgeSettings()
@@ -39,18 +39,18 @@ def test_scores_by_hand(discrete):
     np.testing.assert_allclose(found.score, [one.mean() for one in of_each])
     squares = np.array([((one - one.mean()) ** 2).sum() for one in of_each])
     assert found.step_variance == pytest.approx(squares.sum() / 117)
-    np.testing.assert_allclose(
-        found.variance, (squares + 20 * found.step_variance) / (data.lengths + 20) / data.lengths
-    )
+    pooled = found.step_variance
+    np.testing.assert_allclose(found.variance, (squares + 20 * pooled) / (data.lengths + 20) / data.lengths)
+    few = [0.0, pooled * (1 / 30 - 1 / 40), 0.0]
+    np.testing.assert_allclose(found.excess, dependence(data, log_ratio, squares) + few)
     assert found.state_predicts_action is bool(np.median(data.mean_steps(log_prob - best)[group]) > 0.1)
     np.testing.assert_array_equal(found.log_odds, found.groups.log_odds(found.score, found.variance))
 
 
 def test_one_step_each_has_no_variance_of_steps():
     data = FitData(np.ones((3, 1)), np.array([0, 1, 0]), np.arange(4), Discrete(2), np.zeros(3, dtype=int))
-    scoring = Scoring(
-        data, Written(data, lambda group: 0.0, SETTINGS), SETTINGS, 0.1, np.zeros(3), np.zeros(3), np.zeros(3)
-    )
+    model, nothing = Written(data, lambda group: 0.0, SETTINGS), np.zeros(3)
+    scoring = Scoring(data, model, SETTINGS, 0.1, nothing, nothing, nothing)
     fit = TrimmedFit(np.arange(3.0), np.ones(3, dtype=bool), 0.1, np.zeros(1))
     assert scoring.score(fit).step_variance == 0.0
 

@@ -8,8 +8,8 @@ The lower part of M demonstrations, by their scores y_m and the groups of these 
 Of up to half of all, they are outliers where their own policy explains them less well than `max_own_gain` times as the
 policy of the others explains these, each held out, in nats a step above their own actions whatever the state: noise has
 no policy. The policy is linear, or takes the actions of the nearest states, if that explains more. Those far below must
-be so by sqrt(d^2 + u_m), too: d is the deviation, and u_m the variance of y_m because steps depend on their neighbours,
-which is large where the policy fits some states badly. Else they act alike, and nobody can say without an answer
+be so by sqrt(d^2 + u_m), too: d is the deviation, and u_m the variance of y_m because steps are few, or depend on their
+neighbours, as where the policy fits some states badly. Else they act alike, and nobody can say without an answer
 whether they are worse: up to `max_share` of all they are a group apart, and more are one of two groups. Nothing here
 says who is good.
 """
@@ -87,10 +87,10 @@ def claim(scoring: Scoring, scores: Scores) -> Claims:
 
 def lower_part(scores: Scores, settings: OutlierSettings, sure: bool = False) -> Bool[Array, " M"]:
     """Mask of those far below the middle, or of a lower group apart; nobody where these are too few, or all. To be
-    `sure`, the deviation grows as far as steps depend on their neighbours."""
+    `sure`, the deviation grows where a score varies more than others."""
     away = scores.score - np.median(scores.score)
     deviation = 1.4826 * float(np.median(np.abs(away)))  # of a normal distribution
-    spread = np.sqrt(deviation**2 + sure * scores.dependence)
+    spread = np.sqrt(deviation**2 + sure * scores.excess)
     far = (away < -settings.min_gap * spread) & (scores.groups.log_bayes_factor > 0)
     lower = far | ((scores.log_odds <= -logit(settings.min_proba)) & is_apart(scores, settings))
     return np.asarray(lower & (settings.min_group <= lower.sum() < len(lower)))

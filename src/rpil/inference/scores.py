@@ -56,8 +56,9 @@ class Scores:
     score: Float[Array, " M"]
     variance: Float[Array, " M"]
     """y_m, in nats a step, and its variance v_m."""
-    dependence: Float[Array, " M"]
-    """Variance of y_m because steps depend on their neighbours, see `dependence`."""
+    excess: Float[Array, " M"]
+    """Variance of y_m because steps depend on their neighbours (`dependence`), and because they are few
+    (`fewer_steps`)."""
     groups: Groups
     step_variance: float
     """Variance of the log-ratio of a step within a demonstration, pooled over demonstrations."""
@@ -138,7 +139,8 @@ class Scoring:
         gain = float(np.median(data.mean_steps(fit.log_prob - self.log_q_best)[fit.group]))
         entropy = 1.0 if data.space.has_density else -float(self.log_q.mean())  # the most that can be gained
         predicts = gain > settings.min_gain * min(entropy, 1.0)
-        return Scores(score, variance, by_neighbours, groups, step_variance, predicts, fit, self.typical_own)
+        excess = by_neighbours + fewer_steps(data.lengths, step_variance)
+        return Scores(score, variance, excess, groups, step_variance, predicts, fit, self.typical_own)
 
 
 def choose_ridge(data: FitData, model: HeldOutModel, group: Bool[Array, " M"]) -> float:
@@ -180,6 +182,11 @@ def dependence(data: FitData, log_ratio: Float[Array, " N"], squares: Float[Arra
     means = np.add.reduceat(log_ratio, starts.ravel()).reshape(starts.shape) / np.maximum(sizes, 1)
     excess = means.var(axis=1, ddof=1) / N_BATCHES - squares / np.maximum(lengths * (lengths - 1), 1)
     return np.where(lengths < 2 * N_BATCHES, 0.0, np.maximum(excess, 0.0))
+
+
+def fewer_steps(lengths: Int[Array, " M"], step_variance: float) -> Float[Array, " M"]:
+    """Variance of the mean over the steps of each demonstration above that of one of the median length."""
+    return np.asarray(step_variance * np.maximum(1 / lengths - 1 / np.median(lengths), 0.0))
 
 
 def mean_variance(

@@ -100,7 +100,7 @@ def repeated(judged: Judgement, copies: Copies, offsets: Int[Array, " M1"]) -> J
     place, scores = copies.place, judged.scores
     return replace(
         judged,
-        scores=replace(scores, **{each: getattr(scores, each)[place] for each in ("score", "variance", "dependence")}),
+        scores=replace(scores, **{each: getattr(scores, each)[place] for each in ("score", "variance", "excess")}),
         columns=judged.columns[place],
         claims=judged.claims.repeated(copies),
         copy_of=copies.copy_of,

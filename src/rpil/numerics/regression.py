@@ -52,7 +52,7 @@ def robust_scale(
     """
     values = np.asarray(values, dtype=float)
     location = medians(values.T)
-    distance = _mean_square(values - location, offsets)
+    distance = np.add.reduceat((values - location) ** 2, offsets[:-1], axis=0) / np.diff(offsets)[:, None]
     distance[distance <= (ROUNDING * location) ** 2] = 0.0
     median = np.median(distance, axis=0)
     for column in np.flatnonzero(median == 0):
@@ -67,12 +67,9 @@ def spread_within(values: Num[Array, "N A"], offsets: Int[Array, " M1"]) -> Floa
     (location, spread), lengths = robust_scale(values, offsets), np.diff(offsets)
     distance = np.asarray(values, dtype=float) - location
     means = np.add.reduceat(distance, offsets[:-1], axis=0) / lengths[:, None]
-    within = np.sqrt(np.median(_mean_square(distance - np.repeat(means, lengths, axis=0), offsets), axis=0))
+    squares = (distance - np.repeat(means, lengths, axis=0)) ** 2
+    within = np.sqrt(np.median(np.add.reduceat(squares, offsets[:-1], axis=0) / lengths[:, None], axis=0))
     return np.where(within > ROUNDING * np.maximum(spread, np.abs(location)), within, spread)
-
-
-def _mean_square(values: Float[Array, "N A"], offsets: Int[Array, " M1"]) -> Float[Array, "M A"]:
-    return np.asarray(np.add.reduceat(values**2, offsets[:-1], axis=0) / np.diff(offsets)[:, None])
 
 
 def mean_ranks(values: Num[Array, " M"]) -> Float[Array, " M"]:

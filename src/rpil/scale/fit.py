@@ -22,7 +22,7 @@ from rpil.inference.fitted_judge import Ratio, fit_ratio
 from rpil.inference.groups import fit_groups
 from rpil.inference.held_out import indicators
 from rpil.inference.outliers import widened
-from rpil.inference.scores import mean_variance, means, monotony
+from rpil.inference.scores import fewer_steps, mean_variance, means, monotony
 from rpil.inference.settings import JudgeSettings
 from rpil.inference.trust import Judgement
 from rpil.numerics.blocks import Sums
@@ -120,9 +120,10 @@ def judge_everyone(
     mean, own, squares, dependent, reliability, described, side, summed = map(np.concatenate, zip(*rows, strict=True))
     score = mean - monotony(own, judged.scores.typical_own, settings)
     score[sample.indices] = judged.scores.score  # held out, as the scores of all others are
-    variance = mean_variance(squares, lengths, judged.scores.step_variance, settings.variance_steps)
-    groups = fit_groups(score, variance, lengths, settings.groups)
-    scores = replace(judged.scores, score=score, variance=variance, dependence=dependent, groups=groups)
+    pooled = judged.scores.step_variance
+    variance = mean_variance(squares, lengths, pooled, settings.variance_steps)
+    groups, excess = fit_groups(score, variance, lengths, settings.groups), dependent + fewer_steps(lengths, pooled)
+    scores = replace(judged.scores, score=score, variance=variance, excess=excess, groups=groups)
     claims = widened(judged.claims, scores, settings.outliers)
     columns = columns_of(scores.log_odds, described, components(summed, settings.channels), score)
     copy_of, part = np.arange(len(score)), np.abs(judged.part[0]) * np.where(side > 0, 1.0, -1.0)
