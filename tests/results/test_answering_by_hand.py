@@ -73,10 +73,8 @@ def test_a_demonstrator_with_bad_demonstrations_is_evidence_and_trusted_less():
     assert (alone.verdicts[1], of_ann.verdicts[0]) == ("good", "good")
     assert of_ann.log_odds[1] < 0.7 * alone.log_odds[1]
     assert [one.name for one in of_ann.demonstrators] == ["Bob", "Ann"]
-    of_one_side = make_audit(("open",) * 12, lengths=[2] * 12, columns=columns, demonstrators=people).answered(
-        {2: "good"}
-    )
-    assert [one.trust for one in of_one_side.demonstrators] == [None, None]
+    given = make_audit(("open",) * 12, lengths=[2] * 12, columns=columns, demonstrators=people)
+    assert [one.trust for one in given.answered({2: "good"}).demonstrators] == [None, None]
 
 
 @pytest.mark.parametrize(
@@ -98,6 +96,9 @@ def test_doubts_of_answers(count, contrast, follows, doubts):
     flag = replace(known, labels=np.array([1, -1, 0, 0]), outcomes=np.array([[0.0, 0.0, 1.0, 0.0]]).T, names=("win",))
     spared, last = replace(found, log_odds=np.ones(4)), "The other answers outweigh win = 0 of 1 demonstration."
     assert [*doubts_of_answers(spared, flag, contrast)] == [*doubts, *[last] * (count > 1)]
+    unsure = replace(found, witnesses=replace(said, confirmed=np.full(4, 0.4)))
+    own = [alone.format("win").replace("little", "its own failures alone")] * (count > 1)
+    assert [*doubts_of_answers(unsure, replace(flag, labels=none), contrast)] == [*doubts, *own]
 
 
 def asking(ratio=(), **changes):
@@ -124,8 +125,7 @@ def asking(ratio=(), **changes):
 )
 def test_where_to_look(ratio, look_at, where, seconds):
     audit = asking(ratio)
-    assert worst_stretch(audit.log_ratio(0)) is None
-    assert worst_stretch(audit.log_ratio(1)) == (look_at and tuple(look_at))
+    assert [worst_stretch(audit.log_ratio(m)) for m in (0, 1)] == [None, look_at and tuple(look_at)]
     assert where_to_look(audit, 1) == (f"1 (look {where})" if where else "1")
     assert where_to_look(replace(audit, fps=10.0), 1) == (f"1 (look {seconds})" if where else "1")
 

@@ -149,7 +149,8 @@ def doubts_of_answers(found: Answered, known: Answers, contrast: bool) -> Iterat
     for k, (name, confirmed, sign) in enumerate(zip(known.names, witnesses.confirmed, witnesses.sign, strict=False)):
         outcome = "outcome" + f" {printable(name)}" * (name != "outcome")
         if confirmed < 0.5:
-            yield f"No answer and no other outcome confirms the {outcome}, so it counts for little."
+            most = "its own failures alone" if k == known.only_flag and known.failed(found.log_odds).any() else "little"
+            yield f"No answer and no other outcome confirms the {outcome}, so it counts for {most}."
         elif sign < 0:
             yield f"The {outcome} contradicts the other answers: less of it counts as better."
         if k == known.only_flag and (n := int((known.outcomes[known.said(found.log_odds) == 0, k] == 0).sum())):
