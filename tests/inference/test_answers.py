@@ -58,8 +58,7 @@ def test_answers_contrast_where_there_are_two_and_both_sides(answers, sides, con
 
 
 def test_a_flag_of_zero_is_said_of_its_demonstration_and_of_copies_without_one():
-    known = answers_of([0, 0, 0, 1], outcome=[0.0, 1.0, NAN, 0.0])
-    likely = np.full(4, 3.0)
+    known, likely = answers_of([0, 0, 0, 1], outcome=[0.0, 1.0, NAN, 0.0]), np.full(4, 3.0)
     assert known.failed(likely).tolist() == [True, False, False, True]
     assert known.said(likely).tolist() == [-1, 0, 0, 1]
     assert known.shared(np.array([0, 1, 0, 3])).said(likely).tolist() == [-1, 0, -1, 1]
@@ -74,9 +73,10 @@ def test_once_others_speak_a_flag_is_obeyed_where_good_is_unlikely_and_none_with
     outcome, log_odds = [0.0, 0.0, 0.0, 1.0, NAN], np.array([-1.0, 0.0, 0.1, -1.0, -1.0])
     two, both = answers_of([0, 0, 0, 1, -1], outcome=outcome), answers_of(m=5, outcome=[outcome, [1, 2, 3, 4, 5]])
     speaks = [two, answers_of([-1, 0, 0, 1, 0], outcome=outcome)]
-    speaks += [answers_of(m=5, outcome=outcome, **{kind: [(3, 4)]}) for kind in ("pairs", "tied")]
-    cases = [(one, heard, 2) for one in speaks for heard in (None, (1,), (0,))]
-    denied = [answers_of([1, 0, 0, 0, -1], outcome=outcome), answers_of(m=5, pairs=[(0, 4), (0, 1)], outcome=outcome)]
+    speaks += [answers_of(m=5, outcome=outcome, pairs=[(0, 4), (0, 1)])]  # none better than one with a 1
+    alone = [answers_of(m=5, outcome=outcome, **{kind: [(3, 4)]}) for kind in ("pairs", "tied")]  # no contrast
+    cases = [(one, heard, n) for n, some in ((2, speaks), (3, alone)) for one in some for heard in (None, (1,), (0,))]
+    denied = [answers_of([1, 0, 0, 0, -1], outcome=outcome), answers_of(m=5, pairs=[(0, 3), (0, 1)], outcome=outcome)]
     cases += [(one, heard, n) for one in denied for heard, n in (((1,), 2), ((0,), 0))]
     cases += [(both, (1, 0), 3), (both, (0, 1), 2), (both, (1, -1), 2), (both, (-1, 1), 0)]
     for known, heard, n in cases:

@@ -161,8 +161,8 @@ def test_labels_are_asked_for_at_fixed_places_of_the_ranking_without_answers():
     assert {*audit.suggest_labels(99)} == {*range(21)}
     labelled = make_audit(("open",) * 21, labels={18: -1, 3: 1}, **made)
     assert labelled.suggest_labels(2) == order[2:4]
-    failed = replace(labelled.answers, outcomes=np.where(np.arange(21) == 14, 0.0, np.nan)[:, None])
-    assert replace(labelled, answers=failed).suggest_labels(2) == (13, 9), "of a failure is known enough"
+    rules = tuple("outcome" if m == 14 else "" for m in range(21))
+    assert replace(labelled, rejected_by=rules).suggest_labels(2) == (13, 9), "of a failure is known enough"
     with pytest.raises(DataError, match="k=0 labels cannot be suggested; ask for one at least"):
         audit.suggest_labels(0)
 

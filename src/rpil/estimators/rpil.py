@@ -149,7 +149,7 @@ class RPIL(PolicyEstimator):
             The demonstrator of each demonstration. With answers they are evidence, see `rpil.inference.answered`. A
             demonstration without a name has a demonstrator of its own.
         outcome : mapping of id to number, or sequence of M numbers, or path or several, optional
-            How each ended, such as its return; more is better, NaN is unknown. If all are 0 or 1, those with 0 are bad.
+            How each ended, such as its return; more is better, NaN is unknown. A flag of 0 is bad, see `audit`.
 
         Raises
         ------

@@ -130,7 +130,7 @@ def fit_within_tasks(
         of_two = f"{pairs} demonstrations of different {what}, and {are} left out."
         warnings.warn(f"{stated.answers_source}: {of_two}", stacklevel=1)
     if not keeps_policy and audit.anchor != "named adversary" and stated.answers.contrast:
-        told = np.repeat(stated.answers.said(audit.log_odds) < 0, audit.lengths)  # bad, also where nobody is good
+        told = np.repeat(audit.failed | (stated.answers.labels < 0), audit.lengths)  # bad, also where nobody is good
         weight = np.where(told, np.repeat(audit.expert_proba, audit.lengths), audit.step_weight)
         audit = replace(audit, step_weight=weight / weight.mean())
     return _with_facts(audit, recording, stated), fits
@@ -271,7 +271,7 @@ def audit(
         (id,label, and perhaps start,end).
     outcome : str or several, mapping of id to number, or sequence of M numbers, optional
         How each ended: a column, "length", a CSV file (id,value), or numbers. More is better; with a minus before the
-        name less is better. If all are 0 or 1, those with 0 are bad. rpil learns how reliable each of several is.
+        name less is better. A flag of 0 is bad unless others outweigh it. rpil learns how reliable each of several is.
     random_state : int
         Seed; the same seed gives the same bits.
     settings : Settings, optional

@@ -77,7 +77,6 @@ def answer(
     both = is_contrast(evidence, n_pairs)
     by_columns = regression(rows, total, n_pairs, settings, slice(len(first)))
     log_odds = (settings.sharpness * trust if both else 1.0) * by_columns + by_witnesses
-    log_odds = np.clip(log_odds, *logit([settings.min_proba_bound, 1 - settings.min_proba_bound]))
     follows = once.contrast and (trust > settings.min_trust if both else any(witnesses.heard))
     limit = logit(settings.min_proba) if follows else np.inf
     verdicts = (log_odds >= limit).astype(int) - (log_odds <= -limit)
@@ -85,7 +84,8 @@ def answer(
     said = known.said(log_odds)
     verdicts = np.where(said == 0, verdicts[place], said)
     log_odds = np.where(said == 0, log_odds, log_expit(log_odds) - logit(1 - settings.error))  # failed, in their order
-    log_odds = np.where(known.labels == 0, log_odds, known.labels * logit(1 - settings.min_proba_bound))
+    sure = logit(1 - settings.min_proba_bound)
+    log_odds = np.where(known.labels == 0, np.clip(log_odds, -sure, sure), known.labels * sure)
     doubtful = contradicting(once, right[: np.count_nonzero(once.labels)], settings)
     named = np.flatnonzero(np.isin(place, doubtful) & (answers.labels != 0))
     return Answered(log_odds, verdicts, named, once.count, bool(follows), witnesses)

@@ -113,13 +113,14 @@ class Answers:
         return flags[0] if len(flags) == 1 else -1
 
     def failed(self, log_odds: Float[Array, " M"]) -> Bool[Array, " M"]:
-        """Demonstrations whose only flag is 0, where P(good) is 1/2 at most once labels or pairs contrast, or another
-        outcome counts. None where all else turns it, or does not confirm it though one with a 0 is called good."""
-        k, heard, is_told = self.only_flag, self.heard, len(self.compared) > 0 or {*self.labels.tolist()} >= {1, -1}
+        """Demonstrations whose only flag is 0, where P(good) is 1/2 at most once labels and pairs contrast, or another
+        outcome counts. None where all else turns it, or does not confirm it though one with a 0 is called good, or
+        better than one with a 1."""
+        k, heard, is_told = self.only_flag, self.heard, replace(self, outcomes=self.outcomes[:, :0]).contrast
         if k < 0:
             return np.zeros(len(self.labels), dtype=bool)
-        zero = np.asarray(self.outcomes[:, k] == 0)
-        denies = (self.labels[zero] > 0).any() or (zero[self.pairs] == [True, False]).all(axis=1).any()
+        zero, (better, worse) = np.asarray(self.outcomes[:, k] == 0), self.pairs.T
+        denies = (self.labels[zero] > 0).any() or (zero[better] & (self.outcomes[worse, k] == 1)).any()
         speaks = is_told or bool(np.delete(heard or [0], k if heard else 0).any())
         return zero & ((log_odds <= 0) | (not speaks)) & (heard is None or heard[k] >= int(is_told and denies))
 

@@ -74,7 +74,7 @@ def with_answers(audit: A, known: Answers) -> A:
         answers=known,
         own_reasons=(),
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
-        doubts=tuple(doubts_of_answers(found, known, is_decided)),
+        doubts=tuple(doubts_of_answers(found, known.shared(audit.copy_of), is_decided)),
         notes=tuple(note for note in audit.notes if not (is_decided and any(said in note for said in _UNTIL_DECIDED))),
     )
     return replace(answered, step_weight=weights_of(answered), rejected_by=rejecting_rules(answered))
@@ -153,7 +153,8 @@ def doubts_of_answers(found: Answered, known: Answers, contrast: bool) -> Iterat
             yield f"No answer and no other outcome confirms the {outcome}, so it counts for {most}."
         elif sign < 0:
             yield f"The {outcome} contradicts the other answers: less of it counts as better."
-        if k == known.only_flag and (n := int((known.outcomes[known.said(found.log_odds) == 0, k] == 0).sum())):
+        free = (known.labels == 0) & (found.log_odds > 0) & (sign > 0)
+        if k == known.only_flag and (n := int((known.outcomes[free, k] == 0).sum())):
             yield f"The other answers outweigh {known.failure} of {counted(n, 'demonstration')}."
 
 
@@ -213,7 +214,7 @@ def suggest_labels(audit: Judged, k: int = 3) -> tuple[Hashable, ...]:
     first = np.unique(audit.copy_of, return_index=True)[1]
     known, settings = audit.answers.once(audit.copy_of), audit.settings.judge.answers
     ranking, log_odds = audit.from_actions[first], audit.log_odds[first]
-    chosen = places_to_ask(ranking, log_odds, known.labels, known.said(log_odds) != 0, settings, k)
+    chosen = places_to_ask(ranking, log_odds, known.labels, (known.labels != 0) | audit.failed[first], settings, k)
     return tuple(audit.ids[m] for m in first[chosen].tolist())
 
 

@@ -1,7 +1,7 @@
 """The demonstrations to keep, the rule by which each of the others is rejected, and what is lost with these.
 
-What a person said is obeyed in full: labels, outcomes of 0 where they are 0 and 1, faults that were named, a share.
-What the audit infers rejects only once two answers contrast.
+What a person said is obeyed: labels, faults that were named, a share, and outcomes of 0 where they are 0 and 1, unless
+other answers outweigh them. What the audit infers rejects only once two answers contrast.
 
 Where a demonstration is left out, the policy never sees its states. That is no loss where kept demonstrations visit the
 same places, and one where it alone starts behind the object.

@@ -24,7 +24,7 @@ from rpil.data.files import StrPath
 from rpil.data.text import for_others, quoted
 from rpil.inference.answers import Answers
 from rpil.inference.settings import JudgeSettings
-from rpil.numerics.types import Array, Float, Int
+from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.results.vocabulary import VOCABULARIES, Anchor, Verdict, Vocabulary
 
 PROVENANCE_KEY = "rpil.provenance"
@@ -201,6 +201,11 @@ class Judged:
         known = self.answers
         by_outcomes = known.has_outcome.any() and not known.labels.any() and not len(known.compared)
         return "the outcomes" if by_outcomes else "your answers"
+
+    @property
+    def failed(self) -> Bool[Array, " M"]:
+        """Demonstrations that an outcome rejects."""
+        return np.asarray(np.array(self.rejected_by or [""] * len(self.ids)) == "outcome")
 
     @property
     def lengths(self) -> Int[Array, " M"]:

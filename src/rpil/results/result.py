@@ -65,9 +65,9 @@ class AuditResult(Judged):
     @property
     def said(self) -> tuple[str, ...]:
         """Answers about each demonstration besides its label: how it failed, or which other one is better."""
-        first, failed = self.copy_of.tolist(), [rule == "outcome" for rule in self.rejected_by]
+        first = self.copy_of.tolist()
         worse = {first[m]: f"{WORSE}{self.ids[better]}" for better, m in self.answers.pairs.tolist()}
-        how = [self.answers.failure if is_failed else "" for is_failed in failed] or [""] * len(first)
+        how = [self.answers.failure if is_failed else "" for is_failed in self.failed]
         return tuple(own or worse.get(m, "") for own, m in zip(how, first, strict=True))
 
     @property
@@ -234,7 +234,7 @@ class AuditResult(Judged):
 def look_first(audit: AuditResult, faulty: Collection[Hashable] = ()) -> list[int]:
     """Demonstrations without a label to look at first: the `faulty` ones, then the first in the order of looking."""
     at, order = {name: m for m, name in enumerate(audit.ids)}, looking_order(audit)[0]
-    known = {*np.flatnonzero(audit.answers.shared(audit.copy_of).said(audit.log_odds)).tolist()}
+    known = {m for m, label in enumerate(audit.labels) if label or audit.failed[m]}
     first = dict.fromkeys(m for m in (*(at[name] for name in faulty if name in at), *order) if m not in known)
     return [*first][: n_first(len(audit.ids))]
 

@@ -14,7 +14,6 @@ from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
-from rpil.results.answering import rejecting_rules
 from rpil.results.judged import AuditSettings, Interval, table_fields
 from rpil.results.record import Audit
 
@@ -149,12 +148,12 @@ def _with_labels_alone(audit: Audit, alone: Sequence[int], for_learner: bool) ->
     """The audit where the demonstrations numbered `alone`, which were not judged, have the verdicts of their labels or
     flags, and for the learner the weights."""
     known, signs = audit.answers, np.zeros(len(audit.ids), dtype=np.int64)
-    signs[alone] = known.said(audit.log_odds)[alone]
+    signs[alone] = [known.select([m]).said(np.zeros(1))[0] for m in alone]
     verdicts, reasons, rules = [*audit.verdicts], [*audit.reasons], [*(audit.rejected_by or ("",) * len(signs))]
     for m in np.flatnonzero(signs):
         verdicts[m] = "good" if signs[m] > 0 else "bad"
         reasons[m] = f"Labelled {verdicts[m]}." if known.labels[m] else f"{known.failure}."
-        rules[m] = rejecting_rules(audit)[m]
+        rules[m] = "" if signs[m] > 0 else "labels" if known.labels[m] else "outcome"
     log_odds = np.where(signs, signs * logit(1 - audit.settings.judge.answers.min_proba_bound), audit.log_odds)
     proba, of_steps = np.where(signs, expit(log_odds), audit.expert_proba), np.repeat(signs != 0, audit.lengths)
     return replace(
