@@ -52,7 +52,7 @@ def by_witnesses(sets: list[Row], draws: int) -> list[Row]:
             "five witnesses": flags,
             "and a coin": np.column_stack([flags, coin]),
             "two coins": np.column_stack([coin, coin[::-1]]),
-            "a flag": mostly[:, None],
+            "a flag right of 80 %": mostly[:, None],
             "a flag by a coin": coin[:, None],
         }
         return {kind: answered(audit, replace(answers, outcomes=columns)) for kind, columns in kinds.items()}
