@@ -59,12 +59,12 @@ def test_kept_demonstrations_are_as_they_were_with_all_else_of_the_file(tmp_path
         file.attrs["made by"] = "us"
         file["other/array"] = np.arange(3)
         if parent == "/":
+            file["data/index"] = file["episodes/index"] = np.arange(3)  # where no group holds actions
             file["mask/train"], file["mask/valid"] = np.array([b"demo_0", b"demo_2"]), np.array([b"demo_10"])
             for name in ("demo_0", "demo_2", "demo_10"):
                 file.move(f"{name}/actions", f"{name}/leader/cmd")
     find(path).keep(tmp_path / "kept.hdf5", ["demo_10", "demo_0"], ColumnOptions(action=action))
-    before, after = contents(path), contents(tmp_path / "kept.hdf5")
-    total = (parent, "total")
+    before, after, total = contents(path), contents(tmp_path / "kept.hdf5"), (parent, "total")
     assert after.pop(total) == 10 + 12
     masks = {"mask/train": [b"demo_0"], "mask/valid": [b"demo_10"]}
     assert {name: after.pop(name) for name in masks} == masks

@@ -123,15 +123,18 @@ class Arrays:
         return (f"Not read, because they are links: {commas(self.links)}.",) if self.links else ()
 
     def groups(self) -> tuple[str, dict[str, Part]]:
-        """Where the groups of demonstrations are, and the arrays in each that holds actions, by its name."""
-        within = next((m for m in ("data/", "episodes/") if any(path.startswith(m) for path in self.arrays)), "")
-        found: dict[str, dict[str, StoredArray]] = {}
+        """The first place where groups hold actions, and the arrays in each of these groups, by its name."""
+        places: dict[str, dict[str, dict[str, StoredArray]]] = {"data/": {}, "episodes/": {}, "": {}}
         for path, array in self.arrays.items():
+            within = next(m for m in places if path.startswith(m))
             name, slash, rest = path.removeprefix(within).partition("/")
-            if slash and path.startswith(within):
-                found.setdefault(name, {})[rest] = array
-        acted = ((m, [tree[a].shape for a in _actions(tree, self.options) if a in tree]) for m, tree in found.items())
-        return within, {m: Part(shape[0], found[m]) for m, own in acted for shape in [*filter(None, own)][:1]}
+            if slash:
+                places[within].setdefault(name, {})[rest] = array
+        for within, found in places.items():
+            acted = ((m, [t[a].shape for a in _actions(t, self.options) if a in t]) for m, t in found.items())
+            if parts := {m: Part(shape[0], found[m]) for m, own in acted for shape in [*filter(None, own)][:1]}:
+                return within, parts
+        return "", {}
 
     def cut(self) -> Cut:
         """The demonstrations by ids, or the first row of `_ROWS` that fits; a `DataError` where none does."""
