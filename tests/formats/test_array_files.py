@@ -25,8 +25,7 @@ def test_every_file_of_the_folder_is_a_demonstration(tmp_path):
         expected = np.hstack([file["observations/qpos"][:], file["observations/qvel"][:]])
         np.testing.assert_array_equal(demonstrations.observations[-30:], expected)
         np.testing.assert_array_equal(demonstrations.actions[-30:], file["action"][:])
-    assert about.format == "HDF5, a file for each demonstration"
-    assert set(about.ignored) == {"observations/images/top"}
+    assert (about.format, {*about.ignored}) == ("HDF5, a file for each demonstration", {"observations/images/top"})
 
 
 @pytest.fixture

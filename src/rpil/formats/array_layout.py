@@ -70,7 +70,7 @@ class Arrays:
         """The names of the arrays with rows that have each role, or that the user names for it."""
         options = self.options
         named = {**ROLES, "ids": (options.id,) if options.id else ROLES["ids"]}
-        named["actions"] = _actions(self.arrays, options)
+        named["actions"] = (*_actions(self.arrays, options),)
         named["observations"] = (*ROLES["observations"], *as_list(options.observations))
         there = {name for name in {*sum(named.values(), ())} & self.arrays.keys() if self.arrays[name].shape}
         return {role: [name for name in names if name in there] for role, names in named.items()}
@@ -130,9 +130,10 @@ class Arrays:
             name, slash, rest = path.removeprefix(within).partition("/")
             if slash:
                 places[within].setdefault(name, {})[rest] = array
-        for within, found in places.items():
-            acted = ((m, [t[a].shape for a in _actions(t, self.options) if a in t]) for m, t in found.items())
-            if parts := {m: Part(shape[0], found[m]) for m, own in acted for shape in [*filter(None, own)][:1]}:
+        most = None if self.options.action else 1  # of those that the user names, some may hold no steps
+        for within, own in places.items():
+            acted = {m: [t[a].shape[0] for a in _actions(t, self.options) if t[a].shape][:most] for m, t in own.items()}
+            if parts := {m: Part(min(n for n in of if n >= max(of) - 1), own[m]) for m, of in acted.items() if of}:
                 return within, parts
         return "", {}
 
@@ -258,13 +259,14 @@ class Arrays:
         return ids, {**found, **whole} if is_step is None else {**whole, **found}
 
 
-def _actions(arrays: Tree, options: ColumnOptions) -> tuple[str, ...]:
-    """The names that the array of actions may have, the likeliest first."""
-    names = (*(m for one in as_list(options.action) for m in (one, *fnmatch.filter(arrays, one))), *ROLES["actions"])
-    if not arrays.keys().isdisjoint(names):
-        return names
+def _actions(arrays: Tree, options: ColumnOptions) -> list[str]:
+    """The names of the arrays of actions: those that the user names, or else those that may be one, likeliest first."""
+    named = [m for one in as_list(options.action) for m in (one, *fnmatch.filter(arrays, one))]
+    for names in (named, ROLES["actions"]):
+        if there := [name for name in names if name in arrays]:
+            return there
     plain = {name: plain_name(name) for name in arrays}
-    return (*names, *(name for one, _ in ACTION_COLUMNS[:2] for name in plain if one.fullmatch(plain[name])))
+    return [name for one, _ in ACTION_COLUMNS[:2] for name in plain if one.fullmatch(plain[name])]
 
 
 def _by_lengths(these: Arrays) -> Array | None:
