@@ -24,10 +24,7 @@ def test_spellings_of_the_demonstration():
 @pytest.mark.parametrize(
     ("columns", "actions", "one"),
     [
-        (["action"], ("action",), True),
-        (["Actions"], ("Actions",), True),
-        (["act"], ("act",), True),
-        (["a"], ("a",), True),
+        *(([name], (name,), True) for name in ("action", "Actions", "act", "a")),
         (["a0", "a1"], ("a0", "a1"), False),
         (["action.x", "action.y", "action_mask"], ("action.x", "action.y"), False),
         (["action", "action_logprob", "action_0"], ("action",), True),

@@ -89,12 +89,15 @@ def test_attributes_of_groups_are_facts_where_they_are_named(tmp_path):
         for name, demo in file["data"].items():
             demo["success"], demo["seed"] = np.full(len(demo["actions"]), name != "demo_0"), name == "demo_2"
             demo.attrs["task"] = f"lift {name}"  # which counts before what is said of all
+            h5py.h5a.create(demo.id, b"\xff", h5py.h5t.NATIVE_INT8, h5py.h5s.create(h5py.h5s.SCALAR))  # is not named
+            demo.attrs["num_samples"] = {"demo_0": True, "demo_2": np.bytes_(b"\xff")}.get(name, 12)
     recording = rpil.open(path, outcome=["success", "seed"])
     assert [one.tolist() for one in recording.facts.outcomes] == [[0, 1, 1], [0, 1, 0]]
-    assert recording.tasks == {name: f"lift {name}" for name in recording.ids}
+    assert (recording.tasks, recording.times().frames) == ({m: f"lift {m}" for m in recording.ids}, {"demo_10": 12})
 
 
 NO_FACTS = [[1, 2], h5py.Empty("f"), np.array((1, 2.0), "i4,f8"), "b" * (LONGEST_TEXT + 1), np.bytes_(60_000 * b"b")]
+NO_FACTS += [np.uint64(2**64 - 1), np.longdouble(1), np.bytes_(b"\xff")]
 
 
 @pytest.mark.parametrize(

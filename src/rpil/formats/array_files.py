@@ -146,7 +146,7 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> Step
         words = _said(attributes, "task") or task
         about = {_GROUP_NAME: name, **({"task": words} if isinstance(words, str) else {})}
         parts.append(replace(one, arrays={**attributes, **one.arrays}, about=about))
-        lengths |= {name: stated} if isinstance(stated := parts[-1].fact("num_samples"), int) else {}
+        lengths |= {name: stated} if type(stated := parts[-1].fact("num_samples")) is int else {}
     metadata = Metadata(fps=frame_rate(rate), lengths=lengths)
     name = f"{these.kind} of robomimic's layout" if within else f"{these.kind}, a group for each demonstration"
     return from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes)
