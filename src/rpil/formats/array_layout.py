@@ -265,8 +265,7 @@ def _actions(arrays: Tree, options: ColumnOptions) -> list[str]:
     for names in (named, ROLES["actions"]):
         if there := [name for name in names if name in arrays]:
             return there
-    plain = {name: plain_name(name) for name in arrays}
-    return [name for one, _ in ACTION_COLUMNS[:2] for name in plain if one.fullmatch(plain[name])]
+    return [name for one, _ in ACTION_COLUMNS[:2] for name in arrays if one.fullmatch(plain_name(name))]
 
 
 def _by_lengths(these: Arrays) -> Array | None:
