@@ -25,10 +25,9 @@ def test_spellings_of_the_demonstration():
     ("columns", "actions", "one"),
     [
         *(([name], (name,), True) for name in ("action", "Actions", "act", "a")),
-        (["a0", "a1"], ("a0", "a1"), False),
+        *((names, tuple(names), False) for names in (["a0", "a1"], ["cmd_vel", "cmd_turn"])),
         (["action.x", "action.y", "action_mask"], ("action.x", "action.y"), False),
         (["action", "action_logprob", "action_0"], ("action",), True),
-        (["cmd_vel", "cmd_turn"], ("cmd_vel", "cmd_turn"), False),
     ],
 )
 def test_spellings_of_the_action(columns, actions, one):

@@ -94,6 +94,10 @@ def test_attributes_of_groups_are_facts_where_they_are_named(tmp_path):
     recording = rpil.open(path, outcome=["success", "seed"])
     assert [one.tolist() for one in recording.facts.outcomes] == [[0, 1, 1], [0, 1, 0]]
     assert (recording.tasks, recording.times().frames) == ({m: f"lift {m}" for m in recording.ids}, {"demo_10": 12})
+    for lang, task, found in (("pick", "x", "pick"), ("", [1, 2], "Lift")):  # not before its own, nor in some alone
+        with h5py.File(path, "r+") as file:
+            file["data/demo_2"].attrs.update(ep_meta=f'{{"lang": "{lang}"}}', task=task)
+        assert [*rpil.open(path).tasks.values()] == ["Lift", found, "Lift"]
 
 
 NO_FACTS = [[1, 2], h5py.Empty("f"), np.array((1, 2.0), "i4,f8"), "b" * (LONGEST_TEXT + 1), np.bytes_(60_000 * b"b")]
@@ -165,8 +169,7 @@ def test_what_nobody_saw_is_no_observation(tmp_path):
     assert said.observations == ("gripper", "robot/eef_pos.0", "robot/eef_pos.1", "robot/eef_pos.2")
     reasons = ("the last action", "commands and labels of the program that made the data", "labels of subtasks")
     assert tuple(said.ignored[f"obs/{name}"] for name in unseen) == reasons
-    named = formats.read_recording(path, ColumnOptions(observations="obs/actions, obs/datagen_info/*"))
-    assert len(named.description.observations) == 12
+    assert len(rpil.open(path, observations="obs/actions, obs/datagen_info/*").description.observations) == 12
 
 
 def test_the_time_of_the_simulator_is_no_observation(tmp_path):

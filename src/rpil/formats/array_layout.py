@@ -68,10 +68,9 @@ class Arrays:
     @cached_property
     def names(self) -> dict[str, list[str]]:
         """The names of the arrays with rows that have each role, or that the user names for it."""
-        options = self.options
-        named = {**ROLES, "ids": (options.id,) if options.id else ROLES["ids"]}
-        named["actions"] = (*_actions(self.arrays, options),)
-        named["observations"] = (*ROLES["observations"], *as_list(options.observations))
+        named = {**ROLES, "ids": (self.options.id,) if self.options.id else ROLES["ids"]}
+        named["actions"] = (*_actions(self.arrays, self.options),)
+        named["observations"] = (*ROLES["observations"], *as_list(self.options.observations))
         there = {name for name in {*sum(named.values(), ())} & self.arrays.keys() if self.arrays[name].shape}
         return {role: [name for name in names if name in there] for role, names in named.items()}
 
