@@ -19,14 +19,12 @@ def test_every_file_of_the_folder_is_a_demonstration(tmp_path):
     recording = formats.read_recording(folder)
     demonstrations, about = recording.demonstrations, recording.description
     assert demonstrations.ids == tuple(f"episode_{k}" for k in range(11))
-    assert demonstrations.lengths.tolist() == [20 + k for k in range(11)]
-    assert demonstrations.observation_names[14] == "qvel.0"
+    assert (demonstrations.observation_names[14], [*demonstrations.lengths]) == ("qvel.0", [*range(20, 31)])
     with h5py.File(folder / "episode_10.hdf5") as file:
         expected = np.hstack([file["observations/qpos"][:], file["observations/qvel"][:]])
         np.testing.assert_array_equal(demonstrations.observations[-30:], expected)
         np.testing.assert_array_equal(demonstrations.actions[-30:], file["action"][:])
-    assert about.format == "HDF5, a file for each demonstration"
-    assert set(about.ignored) == {"observations/images/top"}
+    assert (about.format, {*about.ignored}) == ("HDF5, a file for each demonstration", {"observations/images/top"})
 
 
 @pytest.fixture
@@ -39,8 +37,7 @@ def test_what_lies_beside_the_arrays_says_task_and_outcome(folder):
     assert recording.tasks == {"0": "lift", "1": "lift", "2": "lift"}
     assert recording.facts.outcomes[0].tolist() == [1.0, 1.0, 0.0]
     said = recording.description
-    assert said.observations == ("state.0", "state.1")
-    assert said.format == "NPZ, a file for each demonstration"
+    assert (said.observations, said.format) == (("state.0", "state.1"), "NPZ, a file for each demonstration")
     assert {*said.ignored} == {"obs_rgb", "success"}  # and not the seed beside them
     assert "The last value of obs_state, which comes after the last action, is left out." in said.notes
 

@@ -24,14 +24,10 @@ def test_spellings_of_the_demonstration():
 @pytest.mark.parametrize(
     ("columns", "actions", "one"),
     [
-        (["action"], ("action",), True),
-        (["Actions"], ("Actions",), True),
-        (["act"], ("act",), True),
-        (["a"], ("a",), True),
-        (["a0", "a1"], ("a0", "a1"), False),
+        *(([name], (name,), True) for name in ("action", "Actions", "act", "a")),
+        *((names, tuple(names), False) for names in (["a0", "a1"], ["cmd_vel", "cmd_turn"])),
         (["action.x", "action.y", "action_mask"], ("action.x", "action.y"), False),
         (["action", "action_logprob", "action_0"], ("action",), True),
-        (["cmd_vel", "cmd_turn"], ("cmd_vel", "cmd_turn"), False),
     ],
 )
 def test_spellings_of_the_action(columns, actions, one):

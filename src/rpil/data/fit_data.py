@@ -214,14 +214,13 @@ def given_outcome(
             [(twice, _)] = Counter(m for m, *_ in rows).most_common(1)
             raise DataError(f"{source}, demonstration {twice!r}: it has two outcomes; keep one.")
         return given_outcome(found, ids, source, every)
-    each = in_order(given, ids, source, "--outcome", every)
-    try:
-        values = np.array(each, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        numbers = int | float | np.number | np.bool_ | None  # of these None is unknown
-        name, value = next(pair for pair in zip(ids, each, strict=True) if not isinstance(pair[1], numbers))
-        said = f"the outcome {value!r:.40} is no number; write one, such as 1 for a success and 0 for a failure"
-        raise DataError(f"{source}, demonstration {name!r}: {said}.") from error
+    values = np.empty(len(ids))
+    for k, value in enumerate(in_order(given, ids, source, "--outcome", every)):
+        try:
+            values[k] = value  # as a text of a number, too; of None it is unknown
+        except (TypeError, ValueError, OverflowError) as error:
+            said = f"the outcome {value!r:.40} is no number; write one, such as 1 for a success and 0 for a failure"
+            raise DataError(f"{source}, demonstration {ids[k]!r}: {said}.") from error
     return check_outcome(values, "the outcome", source)
 
 

@@ -140,13 +140,14 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> Step
     if without := commas([name for name in names if name not in groups]):
         notes = (*notes, f"Left out, because they are links, or hold no actions: {without}.")
     rate, task = (_said(these.attributes(within or "/"), what) for what in ("rate", "task"))
-    parts, lengths = list[Part](), dict[Id, int]()
+    parts, lengths, own = list[Part](), dict[Id, int](), {name: these.attributes(within + name) for name in groups}
+    # An attribute `task` counts before what is said of all, where each group has one, and none says its own task.
+    counts = all(_said(m, "task") is None and Part(1, m, {"": ""}).fact("task") is not None for m in own.values())
     for name, one in groups.items():
-        attributes = these.attributes(within + name)
-        words = _said(attributes, "task") or task
-        about = {_GROUP_NAME: name, **({"task": words} if isinstance(words, str) else {})}
+        about = {_GROUP_NAME: name, **({"task": m} if isinstance(m := _said(own[name], "task") or task, str) else {})}
+        attributes = {m: value for m, value in own[name].items() if counts or m != "task" or m not in about}
         parts.append(replace(one, arrays={**attributes, **one.arrays}, about=about))
-        lengths |= {name: stated} if isinstance(stated := parts[-1].fact("num_samples"), int) else {}
+        lengths |= {name: stated} if type(stated := parts[-1].fact("num_samples")) is int else {}
     metadata = Metadata(fps=frame_rate(rate), lengths=lengths)
     name = f"{these.kind} of robomimic's layout" if within else f"{these.kind}, a group for each demonstration"
     return from_parts(parts, _GROUP_NAME, these.source, name, options, metadata, notes)

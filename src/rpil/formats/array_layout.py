@@ -68,10 +68,9 @@ class Arrays:
     @cached_property
     def names(self) -> dict[str, list[str]]:
         """The names of the arrays with rows that have each role, or that the user names for it."""
-        options = self.options
-        named = {**ROLES, "ids": (options.id,) if options.id else ROLES["ids"]}
-        named["actions"] = _actions(self.arrays, options)
-        named["observations"] = (*ROLES["observations"], *as_list(options.observations))
+        named = {**ROLES, "ids": (self.options.id,) if self.options.id else ROLES["ids"]}
+        named["actions"] = (*_actions(self.arrays, self.options),)
+        named["observations"] = (*ROLES["observations"], *as_list(self.options.observations))
         there = {name for name in {*sum(named.values(), ())} & self.arrays.keys() if self.arrays[name].shape}
         return {role: [name for name in names if name in there] for role, names in named.items()}
 
@@ -123,15 +122,19 @@ class Arrays:
         return (f"Not read, because they are links: {commas(self.links)}.",) if self.links else ()
 
     def groups(self) -> tuple[str, dict[str, Part]]:
-        """Where the groups of demonstrations are, and the arrays in each that holds actions, by its name."""
-        within = next((m for m in ("data/", "episodes/") if any(path.startswith(m) for path in self.arrays)), "")
-        found: dict[str, dict[str, StoredArray]] = {}
+        """The first place where groups hold actions, and the arrays in each of these groups, by its name."""
+        places: dict[str, dict[str, dict[str, StoredArray]]] = {"data/": {}, "episodes/": {}, "": {}}
         for path, array in self.arrays.items():
+            within = next(m for m in places if path.startswith(m))
             name, slash, rest = path.removeprefix(within).partition("/")
-            if slash and path.startswith(within):
-                found.setdefault(name, {})[rest] = array
-        acted = ((m, [tree[a].shape for a in _actions(tree, self.options) if a in tree]) for m, tree in found.items())
-        return within, {m: Part(shape[0], found[m]) for m, own in acted for shape in [*filter(None, own)][:1]}
+            if slash:
+                places[within].setdefault(name, {})[rest] = array
+        most = None if self.options.action else 1  # of those that the user names, some may hold no steps
+        for within, own in places.items():
+            acted = {m: [t[a].shape[0] for a in _actions(t, self.options) if t[a].shape][:most] for m, t in own.items()}
+            if parts := {m: Part(min(n for n in of if n >= max(of) - 1), own[m]) for m, of in acted.items() if of}:
+                return within, parts
+        return "", {}
 
     def cut(self) -> Cut:
         """The demonstrations by ids, or the first row of `_ROWS` that fits; a `DataError` where none does."""
@@ -255,13 +258,13 @@ class Arrays:
         return ids, {**found, **whole} if is_step is None else {**whole, **found}
 
 
-def _actions(arrays: Tree, options: ColumnOptions) -> tuple[str, ...]:
-    """The names that the array of actions may have, the likeliest first."""
-    names = (*(m for one in as_list(options.action) for m in (one, *fnmatch.filter(arrays, one))), *ROLES["actions"])
-    if not arrays.keys().isdisjoint(names):
-        return names
-    plain = {name: plain_name(name) for name in arrays}
-    return (*names, *(name for one, _ in ACTION_COLUMNS[:2] for name in plain if one.fullmatch(plain[name])))
+def _actions(arrays: Tree, options: ColumnOptions) -> list[str]:
+    """The names of the arrays of actions: those that the user names, or else those that may be one, likeliest first."""
+    named = [m for one in as_list(options.action) for m in (one, *fnmatch.filter(arrays, one))]
+    for names in (named, ROLES["actions"]):
+        if there := [name for name in names if name in arrays]:
+            return there
+    return [name for one, _ in ACTION_COLUMNS[:2] for name in arrays if one.fullmatch(plain_name(name))]
 
 
 def _by_lengths(these: Arrays) -> Array | None:

@@ -79,7 +79,7 @@ def _attributes(file: h5py.File, group: str) -> dict[str, Closed]:
         is_one = stored.shape in ((), (1,)) and stored.dtype.itemsize <= _SMALL and is_value(stored.dtype)
         return found[name] if is_one else None
 
-    return {name: Closed((), text, partial(read, name)) for name in file[group].attrs}
+    return {name: Closed((), text, partial(read, name)) for name in file[group].attrs if isinstance(name, str)}
 
 
 class _FileArray:

@@ -59,13 +59,6 @@ class TextTable:
             more = f", the first of {len(damaged):,} damaged lines" if len(damaged) > 1 else ""
             raise DamagedError(f"{self.path.name}, {damaged[0]}{more}; correct it, or write the file again.")
 
-    def n_lines(self) -> int:
-        """All lines of the file."""
-        with self.path.open("rb") as file:
-            n_ends = sum(chunk.count(b"\n") for chunk in iter(lambda: file.read(_CHUNK), b""))
-            file.seek(-1, os.SEEK_END)
-            return n_ends + (file.read() != b"\n")
-
 
 def text_rows(file: TextTable) -> Iterator[tuple[int, str, list[str], str]]:
     """All lines of a text table: each is one row, so that a quotation ends in its line. Its number, from 1; the line
@@ -248,8 +241,9 @@ def _tables(
                 sizes[name] += len(table)
                 yield _whole(table, name, file, columns)
             # Where the numbers of lines and rows differ, a quotation may have joined lines.
-            if file.n_lines() != file.skip_rows + sizes[name]:
-                file.check()
+            with file.path.open("rb") as lines:
+                if sum(1 for _ in lines) != file.skip_rows + sizes[name]:
+                    file.check()
 
 
 def _whole(table: pa.Table, name: str, file: TextTable, columns: Columns) -> pa.Table:

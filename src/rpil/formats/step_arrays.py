@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
@@ -66,11 +67,12 @@ class Part:
         return bool(shape) and shape[0] - self.n_steps in (0, 1) and math.prod(shape[1:]) > 0
 
     def fact(self, name: str) -> Id | float | None:
-        """The number or short text of a demonstration as a whole, in an array or in `about`; None where neither is."""
+        """The number or short text of a whole demonstration, in an array or else in `about`; None where neither is."""
         one, value = self.arrays.get(name), None
         if self.about and one is not None and one.shape in ((), (1,)) and is_value(one.dtype):
-            value = np.asarray(one[...]).item()
-            value = value.decode() if isinstance(value, bytes) else value
+            stored = np.asarray(one[...]).item()
+            with suppress(ValueError, OverflowError, pa.ArrowException):  # no column holds such a value
+                value = pa.scalar(stored.decode() if isinstance(stored, bytes) else stored).as_py()
         return self.about.get(name) if value is None or len(str(value)) > LONGEST_TEXT else value
 
     def kind(self, name: str) -> Kind:
