@@ -81,7 +81,7 @@ PLANTED = {
 }
 """What is changed, and the finding: its steps, its column, a part of its sentence, and its severity."""
 
-OTHERS = {"scale of less": {"never moves"}, "pause": {"repeated frames"}}
+OTHERS = {"scale": {"jump", "spike"}, "scale of less": {"never moves"}, "pause": {"repeated frames"}}
 """Rules that find a planted fault as well."""
 
 

@@ -19,7 +19,7 @@ from rpil.numerics.types import Array
 class Leap(ComparingRule):
     """Larger than usual, than the usual largest change, and than a share of the column's spread."""
 
-    causes: tuple[str, ...] = ("length", "scale", "two units")
+    causes: tuple[str, ...] = ("length", "two units")
 
     def compare(self) -> Compared:
         columns, self.names = self.columns, self.columns.names
@@ -64,7 +64,7 @@ class Spike(Leap):
 
 class Jump(Leap):
     name, words = "jump", "a column jumps from one step to the next and stays there"
-    causes = ("length", "scale", "frozen sensor", "frozen action", "saturation", "two episodes", "two units")
+    causes = ("length", "frozen sensor", "frozen action", "saturation", "two episodes", "two units")
     sentence = "{column} jumps by {value:.3g} at {last} (usual: up to {threshold:.3g})"
     sentence_of_all = "all columns jump at once at {last}: perhaps frames are missing"
 
@@ -106,7 +106,7 @@ class Jump(Leap):
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
         """At the ends of frozen and saturated stretches."""
-        if cause.rule in ("length", "scale", "two episodes", "two units"):
+        if cause.rule in ("length", "two episodes", "two units"):
             return super().follows(fault, cause)
         return fault.column == cause.column and fault.last in (cause.first, cause.last + 1)
 
@@ -292,7 +292,7 @@ class CommandAgainstState(CommandRule):
         known_unit = np.min(np.abs(size[..., None] - np.log(settings.UNITS)), axis=-1) < settings.UNIT_ERROR
         unit = np.where(moves & (usual | known_unit), size / np.log(settings.OTHER_UNIT), 0.0)
         sign = np.where(moves & (ratio < 0) & (usual | (size < settings.SAME_UNIT)), 2.0, 0.0)
-        every = np.stack([np.where(np.maximum(unit, sign) > 1, 0.0, level), unit, sign])  # in other units, no level
+        every = np.stack([level, unit, sign])
         self.kind, self.ratio = every.argmax(axis=0), ratio
         return gap, least, every.max(axis=0) if pairs.is_command else np.full(level.shape, np.nan)
 

@@ -187,10 +187,10 @@ class Rule:
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
-        """Whether a finding of this rule follows from one of a rule of `causes` in the same demonstration. One that is
-        too short explains nothing; a larger scale explains what it makes larger than usual."""
-        usual = cause.value * fault.threshold * bool(fault.column)  # that of all columns at once has no unit
-        return {"length": cause.value > cause.threshold, "scale": fault.value <= usual}.get(cause.rule, True)
+        """Whether a finding of this rule follows from another one, of a rule of `causes`, in the same demonstration.
+
+        A demonstration that is too long may hold what is found; one that is too short explains nothing."""
+        return cause.rule != "length" or cause.value > cause.threshold
 
 
 Compared = tuple[Array, Array | float, Array]
