@@ -28,7 +28,7 @@ from rpil.formats.format import Dataset, Frame
 from rpil.formats.recording import Recording
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
-from rpil.results.judged import changed_settings, provenance_of
+from rpil.results.judged import changed_settings, failures, provenance_of
 from rpil.results.record import Audit
 from rpil.results.step_weights import takeover_signs, without_bad_rows
 from rpil.results.tasks import first_of, join_audits
@@ -130,7 +130,7 @@ def fit_within_tasks(
         of_two = f"{pairs} demonstrations of different {what}, and {are} left out."
         warnings.warn(f"{stated.answers_source}: {of_two}", stacklevel=1)
     if not keeps_policy and audit.anchor != "named adversary" and stated.answers.contrast:
-        told = np.repeat(audit.failed | (stated.answers.labels < 0), audit.lengths)  # bad, also where nobody is good
+        told = np.repeat(failures(audit) | (stated.answers.labels < 0), audit.lengths)  # bad, also where nobody is good
         weight = np.where(told, np.repeat(audit.expert_proba, audit.lengths), audit.step_weight)
         audit = replace(audit, step_weight=weight / weight.mean())
     return _with_facts(audit, recording, stated), fits

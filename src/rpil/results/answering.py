@@ -19,7 +19,7 @@ from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.findings import DECIDED
 from rpil.inference.groups import expert_share_interval
 from rpil.numerics.types import Array, Float, Int
-from rpil.results.judged import Demonstrator, Interval, Judged
+from rpil.results.judged import Demonstrator, Interval, Judged, failures
 from rpil.results.reasons import NEARLY_ALL, TWO_GROUPS, span, worst_stretch
 from rpil.results.step_weights import weights_of
 from rpil.results.vocabulary import SIDES, VOCABULARIES, Verdict
@@ -214,7 +214,7 @@ def suggest_labels(audit: Judged, k: int = 3) -> tuple[Hashable, ...]:
     first = np.unique(audit.copy_of, return_index=True)[1]
     known, settings = audit.answers.once(audit.copy_of), audit.settings.judge.answers
     ranking, log_odds = audit.from_actions[first], audit.log_odds[first]
-    chosen = places_to_ask(ranking, log_odds, known.labels, (known.labels != 0) | audit.failed[first], settings, k)
+    chosen = places_to_ask(ranking, log_odds, known.labels, (known.labels != 0) | failures(audit)[first], settings, k)
     return tuple(audit.ids[m] for m in first[chosen].tolist())
 
 

@@ -203,11 +203,6 @@ class Judged:
         return "the outcomes" if by_outcomes else "your answers"
 
     @property
-    def failed(self) -> Bool[Array, " M"]:
-        """Demonstrations that an outcome rejects."""
-        return np.asarray(np.array(self.rejected_by or [""] * len(self.ids)) == "outcome")
-
-    @property
     def lengths(self) -> Int[Array, " M"]:
         """Steps of each demonstration."""
         return np.diff(self.offsets)
@@ -231,6 +226,11 @@ class Judged:
     def log_ratio(self, index: int) -> Float[Array, " n"]:
         """Log-ratios of the steps of demonstration `index`, bounded: one impossible step is not all there is to say."""
         return np.asarray(np.clip(self.step_log_ratio[self.steps(index)], -MAX_LOG_RATIO, MAX_LOG_RATIO, dtype=float))
+
+
+def failures(audit: Judged) -> Bool[Array, " M"]:
+    """Demonstrations that an outcome rejects."""
+    return np.asarray(np.array(audit.rejected_by or [""] * len(audit.ids)) == "outcome")
 
 
 def table_fields(kind: type[Judged]) -> Iterator[tuple[str, str, Any]]:

@@ -23,7 +23,7 @@ from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array, Float, Int
 from rpil.results import answering
 from rpil.results.answering import Id, looking_order, n_first
-from rpil.results.judged import Judged
+from rpil.results.judged import Judged, failures
 from rpil.results.reasons import Fact, known_facts, reasons_of, worst_steps, worst_stretch
 from rpil.results.vocabulary import SIDES, WORSE, in_numbers, numbered, short_id
 
@@ -67,7 +67,7 @@ class AuditResult(Judged):
         """Answers about each demonstration besides its label: how it failed, or which other one is better."""
         first = self.copy_of.tolist()
         worse = {first[m]: f"{WORSE}{self.ids[better]}" for better, m in self.answers.pairs.tolist()}
-        how = [self.answers.failure if is_failed else "" for is_failed in self.failed]
+        how = [self.answers.failure if is_failed else "" for is_failed in failures(self)]
         return tuple(own or worse.get(m, "") for own, m in zip(how, first, strict=True))
 
     @property
@@ -234,7 +234,7 @@ class AuditResult(Judged):
 def look_first(audit: AuditResult, faulty: Collection[Hashable] = ()) -> list[int]:
     """Demonstrations without a label to look at first: the `faulty` ones, then the first in the order of looking."""
     at, order = {name: m for m, name in enumerate(audit.ids)}, looking_order(audit)[0]
-    known = {m for m, label in enumerate(audit.labels) if label or audit.failed[m]}
+    known = {*np.flatnonzero((np.array(audit.labels) != "") | failures(audit)).tolist()}
     first = dict.fromkeys(m for m in (*(at[name] for name in faulty if name in at), *order) if m not in known)
     return [*first][: n_first(len(audit.ids))]
 
