@@ -46,16 +46,15 @@ def test_parts_outside_the_sample_are_by_the_policies_of_its_parts(kind, value):
     np.testing.assert_array_equal(found.claims.lower, ~toy.is_good & (value > 0))
     assert found.claims.finding == judged.claims.finding
     np.testing.assert_array_equal(found.scores.score[indices], judged.scores.score)
+    few = judged.scores.step_variance * np.maximum(1 / every.lengths - 1 / np.median(every.lengths), 0)
+    np.testing.assert_allclose(found.scores.excess, block.dependence + few)
     np.testing.assert_array_equal(found.copy_of, np.arange(36))
     np.testing.assert_array_equal(np.argsort(found.columns[:, 0]), np.argsort(found.scores.log_odds))
     if not value:
-        assert len(policies) == 1
-        assert not block.side.any()
+        assert (len(policies), block.side.any()) == (1, False)
         return
-    explained = []
-    for sign in (1, -1):
-        ratio = fit_ratio(sample.data, judged.part == sign, ridge, SETTINGS.held_out)
-        explained.append(every.mean_steps(ratio.step_ratios(every.features, every.actions, SETTINGS.held_out)[0]))
+    parts = [fit_ratio(sample.data, judged.part == sign, ridge, SETTINGS.held_out) for sign in (1, -1)]
+    explained = [every.mean_steps(p.step_ratios(every.features, every.actions, SETTINGS.held_out)[0]) for p in parts]
     np.testing.assert_allclose(block.side, explained[0] - explained[1])
 
 
