@@ -57,7 +57,7 @@ class OutsideRange(ComparingRule):
         return np.where(np.arange(2 * n) < n, top, -top), 0.0, severity * ((below != self.limits) | own)
 
     def say(self, fault: Fault, m: int, c: int, **others: object) -> str:
-        return super().say(fault, m, c, limit=self.limits[c] * (1 if c < len(self.names) // 2 else -1))
+        return super().say(fault, m, c, limit=self.limits[c] if c < len(self.names) // 2 else -self.limits[c])
 
 
 class ConstantAction(ComparingRule):
