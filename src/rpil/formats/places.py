@@ -54,7 +54,7 @@ def find_places(rows: Steps, columns: Columns) -> tuple[Steps, Columns]:
     if columns.episode == FILE and not columns.options.id:
         heads = np.union1d(heads, starts)
     elif order is None and columns.orders:  # whose steps may count anew in a file
-        steps, later = flat.order_values(rows.read(columns.orders[:1])[columns.orders[0]]), starts[1:]
+        steps, later = flat.order_values(rows.read([name := columns.orders[0]])[name]), starts[1:]
         heads = heads if steps is None else np.union1d(heads, later[steps[later] < steps[later - 1]])
     files: dict[Id, str] = {}
     for row, file in zip(heads, rows.files(heads) or repeat(rows.source), strict=False):
