@@ -164,7 +164,7 @@ def known_facts(columns: Float[Array, "M D"], order: Float[Array, " M"] | None) 
     an audit, which begin with the normal scores of the channels.
     """
     found: dict[str, tuple[Fact, ...]] = {}
-    if columns.shape[1] >= len(CHANNELS):
+    if columns.size:
         for name, (channel, sign, *_) in RANKS.items():
             found[name] = tuple(np.round(ndtr(sign * columns[:, CHANNELS.index(channel)]), 6).tolist())
     if order is not None:
