@@ -88,13 +88,20 @@ def test_columns_are_not_recorded_where_two_are_0_that_move_in_most_others(zeros
 
 
 def test_noise_is_that_of_the_rows_at_rest_and_of_an_encoder():
-    rng, offsets = np.random.default_rng(0), np.arange(0, 2001, 100)
-    path = np.tile(np.sin(np.linspace(0, 3, 100)), 20) + rng.normal(size=20).repeat(100) * 100
+    rng, offsets = np.random.default_rng(0), np.arange(0, 2001, 10)
+    path = np.tile(np.sin(np.linspace(0, 3, 100)), 20) + rng.normal(size=200).repeat(10) * 100
     values = np.array([path + 0.2 * rng.normal(size=2000), np.round(path / 0.3) * 0.3, np.ones(2000)])
     size = np.abs(np.diff(values, prepend=values[:, :1]))
     size[:, offsets[:-1]] = 0.0
     found = measured_columns._noise_at_rest(SimpleNamespace(values=values, size=size, offsets=offsets))
     np.testing.assert_allclose(found, [0.2, 0.3 / 12**0.5, 0.0], rtol=0.1)
+
+
+def test_four_columns_of_length_1_in_every_step_are_a_quaternion():
+    values = np.random.default_rng(0).normal(size=(9, 8))
+    values[0, :4] /= np.linalg.norm(values[0, :4])
+    values[:, 4:] /= np.linalg.norm(values[:, 4:], axis=1, keepdims=True)
+    assert [*measured_columns._quaternions(values)] == [4]
 
 
 def test_spikes_and_jumps_are_the_largest_of_each_demonstration():
@@ -136,10 +143,6 @@ def test_series_are_whitened_by_what_an_action_remembers():
         x = values[a:b] - values[a:b].mean()
         own = [x[t] - 0.5 * x[t - 1] + 0.25 * x[t - 2] if t > 1 else 0.0 for t in range(b - a)]
         np.testing.assert_allclose(white[a:b], own, atol=1e-12)
-    x = np.zeros(400)
-    for t in range(2, 400):
-        x[t] = 0.5 * x[t - 1] - 0.25 * x[t - 2] + RNG.normal()
-    np.testing.assert_allclose(tracking._memory(x, np.array([0, 400]), 2), memory, atol=0.1)
     assert tracking._memory(values[:3], np.array([0, 1, 3]), 2).tolist() == [0, 0]
     rows = tracking._memory(values, OFFSETS, 2)
     past, now = [], []
@@ -152,9 +155,8 @@ def test_series_are_whitened_by_what_an_action_remembers():
 
 def test_correlations_are_those_within_demonstrations():
     driver, change, most = RNG.normal(size=OFFSETS[-1]), RNG.normal(size=(2, OFFSETS[-1])), 3
-    found, own = tracking._correlations(driver, change, OFFSETS, most), []
-    for c in range(2):
-        own.append(tracking._own_correlations(driver, change[c], OFFSETS, most))
+    found = tracking._correlations(driver, change, OFFSETS, most)
+    own = [tracking._own_correlations(driver, each, OFFSETS, most) for each in change]
     norms = np.sqrt((driver**2).sum() * (change**2).sum(axis=1))
     for k in range(-most, most + 1):
         total = np.zeros(2)
