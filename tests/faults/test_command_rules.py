@@ -142,7 +142,7 @@ LAGS = [  # what is left, in how many, and the steps and the severity that are f
     *((of, 3, "unknown") for of in ({5: 0.01}, {-1: 0.01}, {-5: 0.01, 1: 0.02})),
     ({5: 0.3}, 7, "unknown"),
 ]
-BOTH = {"both": True}
+BOTH = {"both": True, "best": 1}
 
 
 @pytest.mark.parametrize(
@@ -153,13 +153,14 @@ BOTH = {"both": True}
         (ActionIsState, {"left": left({0: 0.044})}, (0.044 / 0.9, 0.05 / (0.044 / 0.9))),
         (ActionIsState, {"left": left({0: 0.0})}, (0, 1e6)),
         *((ActionIsState, {"left": left({0: 0.044} | of)}, None) for of in ({1: 0.8}, {-1: 0.8}, {0: 0.0, 1: 0.0})),
-        *((Exchanged, {"mine": 1.2, "other": of, **BOTH}, (of, 0.24 / of)) for of in (0.15, 0.19)),
-        *((Exchanged, {"mine": 1.2, **more}, None) for more in ({"other": 0.15}, {"other": 0.21, **BOTH})),
+        *((Exchanged, {"mine": 2.4, "other": of, **BOTH}, (of, 0.48 / of)) for of in (0.15, 0.19)),
+        *((Exchanged, {"mine": 2.4, **more}, None) for more in ({"other": 0.15}, {"other": 0.21, **BOTH})),
     ],
 )
 def test_a_command_is_followed_later_by_its_own_state(rule, case, expected):
     rule = commands(rule, **case)
     assert bool(rule.silent) == (expected == "unknown")
-    found = [(fault.id, fault.value, fault.severity) for fault in rule.findings()]
-    faulty = range(case.get("many", 1)) if isinstance(expected, tuple) else ()
-    np.testing.assert_allclose(np.reshape(found, (-1, 3)), [(m, *expected) for m in faulty] or np.zeros((0, 3)))
+    found = [(fault.id, fault.value, fault.severity, "c2 goes with c1" in fault.sentence) for fault in rule.findings()]
+    n = case.get("many", 1) if isinstance(expected, tuple) else 0
+    faulty = [(m, *expected, isinstance(rule, Exchanged)) for m in range(n)] or np.zeros((0, 4))
+    np.testing.assert_allclose(np.reshape(found, (-1, 4)), faulty)

@@ -60,12 +60,12 @@ def test_misfits_are_what_is_left_of_commands_at_each_lag(lengths):
     for m, (begin, end) in enumerate(itertools.pairwise(offsets)):
         own = values[:, begin:end] / np.tile(spread[20:], 2)[:, None]
         actions, states = own[20:][first], (own[:20] * slope[:, None])[first]
-        for lag in range(-10, 11):
+        for lag, found_left in zip(range(-10, 11), found[m], strict=True):
             n, left = end - begin - abs(lag), np.inf
             if n >= 3 or lag == 0:
                 apart = actions[:, max(-lag, 0) :][:, :n] - states[:, max(lag, 0) :][:, :n]
                 left = apart.var(axis=1).sum() / max(actions.var(axis=1).sum(), 1e-12)
-            assert found[m, lag + 10] == pytest.approx(left, abs=1e-9)
+            assert found_left == pytest.approx(left, abs=1e-9)
 
 
 def test_an_action_that_stays_far_from_states_of_many_counts_is_related_to_none():
