@@ -40,7 +40,8 @@ for name, audit in (("together", together), ("within each day", within)):
     print(f"{name}: {audit.finding}; {audit.verdict_counts()}")
 
 # %%
-# Above: judged together, all of Tuesday are outliers. Below: within each day only the bad ones are.
+# Above: judged together, Tuesday and the bad ones are the lower of two groups. Below: within each day the bad ones are
+# outliers.
 figure, axes = plt.subplots(2, 1, figsize=(9, 6), layout="constrained")
 together.plot.sessions(ax=axes[0])
 within.plot.sessions(ax=axes[1])

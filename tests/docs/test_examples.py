@@ -20,7 +20,7 @@ LEAST = {"plot_torch_loop.py": 0.88, "plot_weighted_sampler.py": 0.9, "plot_skor
 PRINTED = {
     "plot_ranking.py": r"Nobody differs clearly.*score: 0\.6\d\n",
     "plot_steps.py": r"mean trust: 0\.[01]\d in slips, 0\.9\d in all other steps\n",
-    "plot_methods.py": r"together: outliers; .*within each day: .*'outlier': 10.*RPIL +AUROC 1\.00\n",
+    "plot_methods.py": r"together: two groups; .*within each day: .*'outlier': 10.*RPIL +AUROC 1\.00\n",
     "plot_step_weights.py": r"0\.0\d in a gust.*alike: 1\d of 30 reach.*\nstep weights: 2\d of 30 reach the goal\n",
 }
 """Of the examples that the site shows with their results: patterns of what they print."""

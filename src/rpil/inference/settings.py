@@ -82,9 +82,9 @@ class OutlierSettings:
     benchmarks/ablations.py ("min_distance 2")."""
     min_proba: float = 0.9
     """1 - P of the upper group from which a demonstration is of the lower one."""
-    max_own_gain: float = 0.45
+    max_own_gain: float = 0.25
     """Gain of the lower part by its own policy, relative to that of the others by theirs, up to which it is noise.
-    benchmarks/ablations.py ("max_own_gain .3", "max_own_gain .7")."""
+    benchmarks/ablations.py ("max_own_gain .45", "max_own_gain .15")."""
     max_share: float = 1 / 3
     """Share of the demonstrations in a group apart, at most."""
     min_group: int = 2
