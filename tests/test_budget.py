@@ -20,15 +20,15 @@ ROOT = TOOL["ROOT"]
 
 BUDGETS = {
     "cli": (2198, 20),
-    "data": (2342, 28),
-    "estimators": (1798, 18),
+    "data": (2335, 28),
+    "estimators": (1779, 18),
     "faults": (2925, 119),
     "formats": (5184, 54),
     "inference": (2183, 93),
     "mixture": (691, 11),
     "numerics": (581, 16),
     "policies": (1267, 49),
-    "results": (2443, 43),
+    "results": (2469, 43),
     "scale": (594, 20),
     "segments": (499, 19),
     "simulation": (426, 0),
