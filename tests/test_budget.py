@@ -20,9 +20,9 @@ ROOT = TOOL["ROOT"]
 
 BUDGETS = {
     "cli": (2198, 20),
-    "data": (2335, 28),
+    "data": (2333, 28),
     "estimators": (1779, 18),
-    "faults": (2925, 119),
+    "faults": (2927, 119),
     "formats": (5184, 54),
     "inference": (2183, 93),
     "mixture": (691, 11),

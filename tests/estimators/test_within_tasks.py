@@ -84,11 +84,6 @@ def test_labels_and_pairs_go_to_their_task(both):
         audit = rpil_of(rpil.open(both), labels=labels).audit_
     assert audit.answers.labels[0] == 1
     assert (audit.answers.pairs.tolist(), audit.answers.tied.tolist()) == ([[2, 9]], [[3, 5]])
-    left_out = rpil_of(
-        rpil.open(both, without=0), labels={0: "good", 1: "bad"}, demonstrators={0: "Ann", 1: "Bob", 2: "Bob"}
-    )
-    assert left_out.audit_.ids[0] == 1
-    assert left_out.audit_.answers.labels[:2].tolist() == [-1, 0]
 
 
 def test_what_was_named_when_it_was_opened_is_used(both):
