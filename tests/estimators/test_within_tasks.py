@@ -28,6 +28,7 @@ def both(tmp_path_factory):
     table = table.set_column(episode, "episode_index", left)
     mirrored = mirrored.set_column(episode, "episode_index", pa.compute.add(left, 100))
     tasks, n = pa.concat_tables([table, mirrored]), len(table)
+    tasks = tasks.append_column("clock", pa.compute.divide(tasks["step_index"], 10.0))
     path = tmp_path_factory.mktemp("tasks") / "both.parquet"
     tasks = tasks.append_column("task", [["left"] * n + ["right"] * n])
     pq.write_table(tasks.append_column("who", [["Ann"] * n + ["Bob"] * n]), path)
@@ -48,6 +49,18 @@ def test_each_task_is_judged_as_if_it_were_alone(both, judged, tmp_path):
     pq.write_table(table.filter(pa.compute.equal(table["task"], "left")), tmp_path / "left.parquet")
     alone = rpil_of(rpil.open(tmp_path / "left.parquet")).audit_
     np.testing.assert_array_equal(judged.audit_.log_odds[: len(alone.ids)], alone.log_odds)
+
+
+@pytest.mark.parametrize("outcome", [None, {m: m % 100 % 4 for m in (*range(11), *range(100, 111))}])
+def test_an_answer_that_is_added_speaks_of_its_own_task_alone(both, outcome):
+    labels = {0: "good", 1: "good", 9: "bad", 10: "bad", 2: "better than 8", 100: "good", (104, 2, 9): "bad"}
+    audit, added = (rpil.audit(both, given, outcome, settings=FAST, session="who") for given in (labels, None))
+    for name, word in labels.items():
+        added = added.answered({name: word})
+    for name in ("log_odds", "verdicts", "rejected_by", "said", "notes", "doubts", "method", "sessions"):
+        np.testing.assert_array_equal(getattr(added, name), getattr(audit, name), name)
+    np.testing.assert_allclose(added.step_weight, audit.step_weight)
+    assert {own.fps for own in audit.by_task.args[0].values()} == {10.0}, "their reasons name seconds"
 
 
 def test_one_policy_is_learned_from_all_tasks(both, judged, tmp_path):
@@ -71,13 +84,6 @@ def test_labels_and_pairs_go_to_their_task(both):
         audit = rpil_of(rpil.open(both), labels=labels).audit_
     assert audit.answers.labels[0] == 1
     assert (audit.answers.pairs.tolist(), audit.answers.tied.tolist()) == ([[2, 9]], [[3, 5]])
-    with pytest.raises(DataError, match="no demonstration is called '77'"):
-        rpil_of(rpil.open(both), labels={77: "good"})
-    left_out = rpil_of(
-        rpil.open(both, without=0), labels={0: "good", 1: "bad"}, demonstrators={0: "Ann", 1: "Bob", 2: "Bob"}
-    )
-    assert left_out.audit_.ids[0] == 1
-    assert left_out.audit_.answers.labels[:2].tolist() == [-1, 0]
 
 
 def test_what_was_named_when_it_was_opened_is_used(both):

@@ -52,6 +52,9 @@ def test_frames_are_dropped_in_the_demonstration_that_lacks_them(step, monkeypat
     assert list(find_frame_times(Times(clock(drop)), FIVE, None)) == []
     (fault,) = check(FIVE, times=Times(clock([*drop, (3, 40, 2)]), 50.0)).findings
     assert (fault.last, fault.sentence.partition(":")[0]) == (step, "about 5 frames missing")
+    times = clock([(4, 9, 4)])
+    np.random.default_rng(0).shuffle(times[FIVE.offsets[3] : FIVE.offsets[4]])  # nothing is missing
+    assert [f.id for f in check(FIVE, times=Times(times, 50.0)).findings if f.rule == "dropped frames"] == [4]
 
 
 def test_a_clock_that_goes_slower_than_the_others_is_another_frame_rate(monkeypatch):

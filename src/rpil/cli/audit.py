@@ -175,10 +175,10 @@ def odd_lines(report: FaultReport) -> list[str]:
     """How many recordings are odd, and the worst one; or that there is none, and what was not looked for."""
     if not report.findings:
         return fit(report.headline, line_width(), 2)
-    worst, n = report.lines[0], len({found.id for found in report.findings})
-    count = f"{n:,} recordings are odd, most of all" if n > 1 else "1 recording is odd:"
-    who = short_id(worst.id) if worst.id != "" else "the set"
-    return [*fit(f"{count} {who}: {worst.sentence}.", line_width(), 2), "  All: rpil check."]
+    worst, n = report.lines[0], len({found.id for found in report.findings} - {""})
+    odd = "1 recording is odd" if n == 1 else f"{n:,} recordings are odd"
+    which = "; the whole set" if worst.id == "" else f"{', most of all' if n > 1 else ':'} {short_id(worst.id)}"
+    return [*fit(f"{odd}{which}: {worst.sentence}.", line_width(), 2), "  All: rpil check."]
 
 
 def _columns(audit: Audit, shown: Sequence[int], all_rows: bool) -> dict[str, list[str]]:

@@ -136,10 +136,8 @@ def check_folder(path: StrPath) -> None:
         if folder == top:
             folders[:] = [name for name in folders if name[0] != "." and (only is None or name in only)]
         for path in (os.path.join(folder, name) for name in (*folders, *files)):
-            if os.path.basename(path).startswith(".") and is_dangling(
-                path
-            ):  # a lock of an editor, which nothing can read
-                continue
+            if os.path.basename(path).startswith(".") and is_dangling(path):
+                continue  # a lock of an editor, which nothing can read
             if os.path.islink(path) or not os.path.isdir(path):
                 check_inside(path, top, places)
             if os.path.islink(path) and os.path.isdir(path):

@@ -28,10 +28,10 @@ from rpil.formats.format import Dataset, Frame
 from rpil.formats.recording import Recording
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
-from rpil.results.judged import changed_settings, failures, provenance_of
+from rpil.results.judged import changed_settings, provenance_of
 from rpil.results.record import Audit
-from rpil.results.step_weights import takeover_signs, without_bad_rows
-from rpil.results.tasks import first_of, join_audits
+from rpil.results.step_weights import takeover_signs
+from rpil.results.tasks import first_of, join_audits, with_facts
 
 MIN_DEMONSTRATIONS = 8
 """Demonstrations of a task at least: with fewer the verdicts are weak, as a note says."""
@@ -109,42 +109,26 @@ def fit_within_tasks(
     """The audit of the demonstrations of a recording, each judged within its task and session, beside the reference if
     there is one, and the fits to these. A single one is not judged, and has the verdict of its label, if any.
     A `DataError` where sessions divide nothing."""
-    demonstrations = recording.demonstrations
+    demonstrations, facts = recording.demonstrations, recording.facts
     if recording.options.session:
-        check_sessions(recording.facts.sessions, recording.options.session, recording.description.source)
-    places = split_by_task(demonstrations.ids, recording.tasks, recording.facts.sessions)
+        check_sessions(facts.sessions, recording.options.session, recording.description.source)
+    places = split_by_task(demonstrations.ids, recording.tasks, facts.sessions)
+    fps = recording.description.fps or recording.times().fps
+    known = {"sessions": facts.sessions, "order": facts.order, "fps": fps}
     if len(places) == 1:
         audit, fitted = _fit_group(demonstrations, stated, options, keeps_policy)
-        return _with_facts(audit, recording, stated), [fitted]
+        return with_facts(audit, stated.answers, stated.answers_source, **known), [fitted]
     options, fits, audits = replace(options, engine=None), list[tuple[Task, FitResult]](), dict[str, Audit]()
     what = "sessions" if recording.options.session else "tasks"
     what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
     for group, rows in places.items():
         of_group = stated.select(rows)
         if len(rows) > 1 or stated.reference is not None:
-            audits[group], fitted = _fit_group(demonstrations.select(rows), of_group, options, keeps_policy)
+            audit, fitted = _fit_group(demonstrations.select(rows), of_group, options, keeps_policy)
+            audits[group] = replace(audit, fps=fps)
             fits.append(fitted)
     audit = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, stated.answers, what, keeps_policy)
-    if n := len(stated.answers.compared) - len(audit.answers.compared):
-        pairs, are = (f"{n} pairs compare", "are") if n > 1 else ("1 pair compares", "is")
-        of_two = f"{pairs} demonstrations of different {what}, and {are} left out."
-        warnings.warn(f"{stated.answers_source}: {of_two}", stacklevel=1)
-    if not keeps_policy and audit.anchor != "named adversary" and stated.answers.contrast:
-        told = np.repeat(failures(audit) | (stated.answers.labels < 0), audit.lengths)  # bad, also where nobody is good
-        weight = np.where(told, np.repeat(audit.expert_proba, audit.lengths), audit.step_weight)
-        audit = replace(audit, step_weight=weight / weight.mean())
-    return _with_facts(audit, recording, stated), fits
-
-
-def _with_facts(audit: Audit, recording: Recording, stated: Statements) -> Audit:
-    """The audit of a recording, with what is stated of demonstrations and steps."""
-    if audit.taken_over is not None:
-        n = int((np.maximum.reduceat(audit.taken_over, audit.offsets[:-1]) > 0).sum())
-        told = f"A person took over in {n:,} of {len(audit.ids):,}: these steps weigh more, those just before less."
-        audit = replace(audit, notes=(*audit.notes, told))
-    audit = replace(audit, answers=replace(audit.answers, marks=stated.answers.marks))
-    weight, facts = without_bad_rows(audit, audit.step_weight), recording.facts
-    return replace(audit, sessions=facts.sessions, order=facts.order, step_weight=weight)
+    return with_facts(audit, stated.answers, stated.answers_source, **known), fits
 
 
 def _fit_group(
@@ -318,10 +302,7 @@ def audit_recording(
     command: str,
     files: Iterable[StrPath | None],
 ) -> Audit:
-    """The audit of a recording, judged within tasks and sessions.
-
-    The `path` of the recording, where it has one, the `command` and other `files` say where the audit comes from.
-    """
+    """The audit of a recording, within tasks and sessions; its `path`, `command` and other `files` say of what."""
     audit, _ = fit_within_tasks(recording, stated, options, keeps_policy=False)
     made = provenance_of(command, options.random_state, changed_settings(options.settings, Settings()), (path, *files))
-    return replace(audit, provenance=made, fps=recording.description.fps or recording.times().fps)
+    return replace(audit, provenance=made)

@@ -166,7 +166,7 @@ class Conventions(ComparingRule):
             (c, said), *others = ((c, said) for c, (of, said) in told.items() if of == kind)
             which, rest = in_words(ids, self.data.ids, self.data.groups), f"the other {len(rows) - len(ids):,}"
             more = f"; the same in {counted(len(others), 'more column')}" if others and kind[:5] != "order" else ""
-            sentence = f"{which}: {said} than in {rest}; which is right cannot be known{more}"
+            sentence = f"{said} in {which} than in {rest}; which is right cannot be known{more}"
             rule = Units.name if kind == "unit" else self.name
             yield Fault(rule, "", 0, 0, self.columns.names[c], share, 0.0, 1.0 + share, sentence, ids)
 

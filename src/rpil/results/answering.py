@@ -43,6 +43,9 @@ A = TypeVar("A", bound=Judged)
 
 def with_answers(audit: A, known: Answers) -> A:
     """The audit with all answers that are `known`; see `Audit.answered`."""
+    if not known.count and audit.anchor == "answers":
+        way = "take the audit before answered(), or call rpil.audit without any"
+        raise DataError(f"No answer would be left; {way}.")
     if not audit.columns.size:
         raise DataError("This audit keeps nothing to learn from answers; give the labels to fit().")
     check_copied_labels(known, audit.copy_of, audit.ids)

@@ -101,6 +101,8 @@ class Audit(AuditResult):
         Steps a second, if they are known: then sentences name seconds.
     within : str
         "tasks", "sessions" or both, if each of these was judged by itself; else empty.
+    by_task : callable or None
+        Then the audit that is learned from all answers, each of its own task; see `rpil.results.tasks`.
     provenance : mapping or None
         How `rpil.audit` or a command made the audit, before any answers through `answered`.
     """

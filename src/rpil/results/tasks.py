@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,8 +16,10 @@ from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array
-from rpil.results.judged import AuditSettings, Interval, table_fields
+from rpil.results.answering import with_answers
+from rpil.results.judged import AuditSettings, Interval, failures, table_fields
 from rpil.results.record import Audit
+from rpil.results.step_weights import without_bad_rows
 
 
 def first_of(audit: Audit, ids: Sequence[Hashable]) -> Audit:
@@ -57,21 +61,9 @@ def join_audits(
     what: str = "tasks",
     for_learner: bool = False,
 ) -> Audit:
-    """One audit of the M demonstrations `ids`, from those of their tasks, or `what` the groups are.
-
-    Parameters
-    ----------
-    audits : mapping of task to Audit
-        A task with a single demonstration has none: it stays open, or has the verdict of its label or flag.
-    places : mapping of task to sequence of int
-        The numbers of the demonstrations of each task, in the order of its audit.
-    offsets : (M + 1,) int array
-        The first steps of the demonstrations.
-    answers : Answers
-        About all of them; pairs of different tasks are left out.
-    for_learner : bool
-        Whether the weights of those that are alone follow their verdicts.
-    """
+    """One audit of the M demonstrations `ids`, from those of their tasks, or `what` the groups are: the numbers of each
+    are in `places`. A single one has no audit: it stays open, or has the verdict of its label or flag, and where that
+    is `for_learner` the weights. Of the `answers` about all, pairs of different tasks are left out."""
     # The components among the columns have another meaning in each task.
     parts = [
         replace(audit, own_reasons=audit.reasons, columns=np.delete(audit.columns, slice(len(CHANNELS), -1), axis=1))
@@ -111,10 +103,42 @@ def join_audits(
         copy_of=np.asarray(_joined(copies, len(ids), rows, np.arange(len(ids)))),
         # Each verdict is that of its task; where tasks differ, the probability is what it is without an anchor.
         anchor=parts[0].anchor if len({audit.anchor for audit in parts}) == 1 else "none",
-        settings=parts[0].settings if parts else AuditSettings(),
+        settings=parts[0].settings if parts else AuditSettings(weighs_for_learner=for_learner),
         within=what,
+        by_task=partial(_in_tasks, audits, places),
     )
-    return _with_labels_alone(joined, [m for task in places.keys() - audits.keys() for m in places[task]], for_learner)
+    alone = [m for task in places.keys() - audits.keys() for m in places[task]]
+    return _with_labels_alone(joined, alone, for_learner)
+
+
+def with_facts(audit: Audit, stated: Answers, source: str = "the labels", **known: Any) -> Audit:
+    """The audit with fields that are `known`, and with what is `stated` of it; messages name the `source` of that."""
+    if n := len(stated.compared) - len(audit.answers.compared):
+        pairs, are = (f"{n} pairs compare", "are") if n > 1 else ("1 pair compares", "is")
+        of_two = f"{pairs} demonstrations of different {audit.within}, and {are} left out."
+        warnings.warn(f"{source}: {of_two}", stacklevel=1)
+    if audit.within and not audit.settings.weighs_for_learner and audit.anchor != "named adversary" and stated.contrast:
+        is_bad = np.repeat(failures(audit) | (stated.labels < 0), audit.lengths)  # also where nobody is good
+        weight = np.where(is_bad, np.repeat(audit.expert_proba, audit.lengths), audit.step_weight)
+        audit = replace(audit, step_weight=weight / weight.mean())
+    if audit.taken_over is not None:
+        n = int((np.maximum.reduceat(audit.taken_over, audit.offsets[:-1]) > 0).sum())
+        told = f"A person took over in {n:,} of {len(audit.ids):,}: these steps weigh more, those just before less."
+        audit = replace(audit, notes=(*audit.notes, told))
+    audit = replace(audit, answers=replace(audit.answers, marks=stated.marks))
+    return replace(audit, **known, step_weight=without_bad_rows(audit, audit.step_weight))
+
+
+def _in_tasks(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], joined: Audit, known: Answers) -> Audit:
+    """The audit that was `joined` of several, with all answers that are `known`: each speaks of its own task alone."""
+    answered = dict[str, Audit]()
+    for task, own in audits.items():
+        some = known.select(places[task])  # but for outcomes, which stay those of the task
+        some = replace(some, outcomes=own.answers.outcomes, names=own.answers.names, flag=own.answers.flag)
+        answered[task] = with_answers(own, some)
+    about, of_learner = (joined.ids, joined.offsets, known, joined.within), joined.settings.weighs_for_learner
+    kept = {name: getattr(joined, name) for name in ("sessions", "order", "fps", "provenance")}
+    return with_facts(join_audits(answered, places, *about, of_learner), known, **kept)
 
 
 def _joined(columns: Sequence[Any], size: int, numbers: Sequence[Array], nothing: Any) -> Any:
