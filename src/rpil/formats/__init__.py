@@ -174,8 +174,8 @@ def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, Arr
 
     Parameters
     ----------
-    truth : mapping of name to (M,) array, optional
-        True values for each demonstration, such as whether it is good, for scoring; `read` ignores them.
+    truth : mapping of name to (M,) or (N,) array, optional
+        Values for each demonstration or step: whether it is good, for scoring, which `read` ignores; or ``timestamp``.
 
     Raises
     ------
@@ -186,8 +186,9 @@ def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, Arr
     arrays = {}
     for name, values in (truth or {}).items():
         arrays[name] = as_array(values, f"truth {name!r}", str(path))
-        if arrays[name].shape != (len(demonstrations),):
-            raise DataError(f"{path}: truth {name!r} needs one value for each of {len(demonstrations)} demonstrations.")
+        if arrays[name].shape not in {(len(demonstrations),), (demonstrations.n_steps,)}:
+            each = f"one value for each of {len(demonstrations)} demonstrations, or {demonstrations.n_steps} steps"
+            raise DataError(f"{path}: truth {name!r} needs {each}.")
         if is_data(name):
             raise DataError(f"{path}: truth {name!r} would be taken for data; give it another name.")
     assert writer.write is not None
