@@ -141,7 +141,8 @@ def opened(data: object, options: ColumnOptions) -> Recording:
         return read_recording(data, options, on_disk=None)
     operator = options.operator if options.operator in options.files else None
     if options.outcomes or replace(options, operator=operator, outcome=()) != ColumnOptions(operator=operator):
-        raise DataError(f"{type(data).__name__} has no columns to choose: name them where it is read.")
+        way = ", or give outcome a number for each demonstration" * bool(options.outcomes)
+        raise DataError(f"{type(data).__name__} has no columns to choose: name them where it is read{way}.")
     if isinstance(data, Recording):
         return data
     demonstrations = data if isinstance(data, Demonstrations) else read(cast("Iterable[object]", data))
