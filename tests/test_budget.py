@@ -23,7 +23,7 @@ BUDGETS = {
     "data": (2342, 28),
     "estimators": (1798, 18),
     "faults": (2925, 119),
-    "formats": (5184, 54),
+    "formats": (5182, 54),
     "inference": (2183, 93),
     "mixture": (691, 11),
     "numerics": (581, 16),
