@@ -68,10 +68,8 @@ def written(name: str, continuous: bool = True) -> Callable[[Path], Path]:
 def _text_table(name: str, separator: str) -> Callable[[Path], Path]:
     def make(folder: Path) -> Path:
         names = ["episode_index", "frame_index", "x", "operator", "action"]
-        rows = [[f"é{OWNERS[n]}", n, STATES[n, 0], "Ann, B", MOVES[n, 0]] for n in range(len(OWNERS))]
-        lines = (
-            separator.join(f'"{value}"' if isinstance(value, str) else str(value) for value in row) for row in rows
-        )
+        rows = [[f'"é{OWNERS[n]}"', n, STATES[n, 0], '"Ann, B"', MOVES[n, 0]] for n in range(len(OWNERS))]
+        lines = (separator.join(map(str, row)) for row in rows)
         (folder / name).write_text("\n".join([separator.join(names), *lines, ""]), encoding="utf-8")
         return folder / name
 

@@ -23,7 +23,7 @@ BUDGETS = {
     "data": (2333, 28),
     "estimators": (1779, 18),
     "faults": (2927, 119),
-    "formats": (5184, 54),
+    "formats": (5182, 54),
     "inference": (2183, 93),
     "mixture": (691, 11),
     "numerics": (581, 16),
@@ -35,7 +35,7 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 23_242, 2_069, 23_971
+LINES, PAGE_LINES, TEST_LINES = 23_240, 2_069, 23_971
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0

@@ -160,7 +160,8 @@ def test_adversary_recipe(package, monkeypatch, tmp_path):
 
 
 def test_format_recipe(package, monkeypatch, tmp_path):
-    monkeypatch.setattr(registry, "FORMATS", (*registry.FORMATS, package("json_lines").FORMAT))
+    known = *registry.known_formats(), package("json_lines").FORMAT
+    monkeypatch.setattr(registry, "known_formats", lambda: known)
     toy = make("random", 0, n_good=2, n_bad=2, steps=(4, 6)).demonstrations
     path, kept = tmp_path / "toy.jsonl", tmp_path / "kept.jsonl"
     formats.write(path, toy, {"is_good": [1, 1, 0, 0]})

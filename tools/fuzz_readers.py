@@ -54,7 +54,7 @@ from rpil.data.errors import DataError, MissingExtraError
 from rpil.data.id_values import read_answer_rows
 from rpil.faults.report import read_expected
 from rpil.formats.format import Dataset
-from rpil.formats.registry import FORMATS, find
+from rpil.formats.registry import find, known_formats
 from rpil.results.choice import read_verdicts
 from samples import SAMPLES, demonstrations
 
@@ -238,7 +238,7 @@ def serve() -> None:
     memory.free_memory = lambda: memory.parse_size(MEMORY) / memory.FREE_SHARE
     for library in LIBRARIES:
         import_module(library)
-    tuple(FORMATS)  # which imports them
+    tuple(known_formats())  # which imports them
     for line in sys.stdin:
         child = os.fork()
         if child == 0:

@@ -45,9 +45,8 @@ def test_the_ranking_agrees_with_the_truth_and_the_readme_quotes_it(tmp_path: Pa
 
 
 def test_picture_shows_the_landings_beside_it() -> None:
-    texts = [
-        "".join(row.itertext()) for row in ElementTree.parse(ROOT / "docs" / "audit.svg").iter() if "text" in row.tag
-    ]
+    rows = ElementTree.parse(ROOT / "docs" / "audit.svg").iter()
+    texts = ["".join(row.itertext()) for row in rows if "text" in row.tag]
     rows = [re.fullmatch(r"(\d+) +(\w+) +([-+]\S+) +.*", text) for text in texts]
     shown = [row.groups() for row in rows if row is not None]
     path = ROOT / "docs" / "lunarlander_corrupted.npz"

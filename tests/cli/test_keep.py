@@ -5,11 +5,11 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import rpil
 from asked import BAD, MANY, with_jumps, write
 from command_line import call, ok, refused
-from rpil import formats
 
 
 def test_keep_names_what_leaving_out_loses():
@@ -33,12 +33,18 @@ def test_keep_names_what_leaving_out_loses():
     assert lost not in ok(*audit, "--quiet").stdout
 
 
-def test_convert_writes_operator_and_task_of_each_demonstration():
-    rows = [f"{m},{k},{k / 7},{m % 2},{'AB'[m % 2]},lift it" for m in range(4) for k in range(5)]
-    Path("in.csv").write_text("\n".join(["run,t,x,turn,operator,task", *rows]) + "\n")
-    ok("convert", "in.csv", "-o", "out.parquet", "--action", "turn", "--exclude", "t")
-    assert dict(rpil.open("out.parquet", operator="operator").operators) == {"0": "A", "1": "B", "2": "A", "3": "B"}
-    assert formats.read_recording("out.parquet").tasks == dict.fromkeys("0123", "lift it")
+@pytest.mark.parametrize("name", ["out.parquet", "out.csv", "out.npz"])
+@pytest.mark.parametrize("last", ["", 0.65])  # a time that is missing, or goes back
+def test_convert_writes_times_and_operator_and_task_of_each_demonstration(name, last):
+    seconds = [*(0.1 * k + 2.0 * (k > 2) for k in range(8)), last]
+    rows = [f"{m},{k},{t},{k / 7},{m % 2},{'AB'[m % 2]},lift it" for m in range(4) for k, t in enumerate(seconds)]
+    Path("in.csv").write_text("\n".join(["run,frame,time,x,turn,operator,task", *rows]) + "\n")
+    ok("convert", "in.csv", "-o", name, "--action", "turn")
+    before, after = rpil.open("in.csv", action="turn"), rpil.open(name, operator="operator", task="task")
+    assert dict(after.operators) == {"0": "A", "1": "B", "2": "A", "3": "B"}
+    assert after.tasks == dict.fromkeys("0123", "lift it")
+    np.testing.assert_allclose(after.times().timestamps, before.times().timestamps)
+    np.testing.assert_array_equal(after.demonstrations.observations, before.demonstrations.observations)
     refused("named twice|would join", "convert", "in.csv", "-o", "in.csv")
 
 

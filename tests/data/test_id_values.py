@@ -41,15 +41,11 @@ def test_labels_csv(tmp_path, header):
 @pytest.mark.parametrize(
     ("name", "text", "match"),
     [
-        (
-            "l.csv",
-            "id,label\n7,great\n",
-            "demonstration '7': unknown label 'great'; write 'good', 'bad', 'better than ID'",
-        ),
+        ("l.csv", "id,label\n7,great\n", "'7': unknown label 'great'; write 'good', 'bad', 'better than ID'"),
         ("l.csv", "id,label\n7\n", "demonstration '7': unknown label ''"),
         ("l.csv", "id,label\n7,good\n7,bad\n", "demonstration '7': it is labelled twice"),
         ("l.csv", "id,label\n", "labels no demonstration"),
-        ("l.csv", "7,good\n", "no column is called 'id', 'label'; rename one .found '7', 'good'"),
+        ("l.csv", "7,good\n", "no column is called 'id', 'label'; rename one .found '7', 'good'.; ids are"),
         ("l.csv", 'id,label\n"7,good\n', "cannot be read as CSV"),
         ("l.csv", "", "the file is empty"),
         ("l.json", "", "use one of .csv"),

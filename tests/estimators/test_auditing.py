@@ -61,9 +61,7 @@ def test_it_says_what_the_command_says(folder):
     np.testing.assert_array_equal(of_operators.log_odds, found.log_odds)  # without answers operators change none
 
 
-@pytest.mark.parametrize(
-    ("settings", "maker"), [(FAST, make), (SMALL, make_continuous)], ids=["in memory", "by passes"]
-)
+@pytest.mark.parametrize(("settings", "maker"), [(FAST, make), (SMALL, make_continuous)])
 def test_an_audit_is_that_of_a_fit_and_keeps_no_policy(settings, maker):
     toy, judged, fitted = maker("random", 0, n_good=80, n_bad=40, steps=(20, 60)), [], []
     data = from_tables(from_demonstrations(toy.demonstrations, "arrays"))
@@ -93,17 +91,19 @@ def test_answers_come_from_a_mapping_or_a_file(folder, tmp_path):
 
 def test_it_takes_what_is_in_memory(folder):
     from_path = audit(folder / "drive.parquet", **COLUMNS)
-    np.testing.assert_array_equal(
-        audit(pq.read_table(folder / "drive.parquet"), **COLUMNS).log_odds, from_path.log_odds
-    )
+    in_memory = audit(pq.read_table(folder / "drive.parquet"), **COLUMNS)
+    np.testing.assert_array_equal(in_memory.log_odds, from_path.log_odds)
     recording = rpil.open(folder / "drive.parquet", **COLUMNS)
     assert audit(recording).run_id == from_path.run_id
     demonstrations = recording.demonstrations.select(slice(None))
     found = audit(demonstrations)
     assert found.run_id == from_path.run_id
     assert found.ids == demonstrations.ids
-    with pytest.raises(DataError, match="Demonstrations has no columns to choose: name them where it is read"):
-        audit(demonstrations, id="trip")
+    for given, way in (({"id": "trip"}, r"\."), ({"outcome": "rewards"}, ", or give outcome a number for each")):
+        with pytest.raises(
+            DataError, match=f"Demonstrations has no columns to choose: name them where it is read{way}"
+        ):
+            audit(demonstrations, **given)
 
 
 def test_it_says_where_it_comes_from(folder):

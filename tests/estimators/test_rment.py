@@ -62,9 +62,8 @@ def test_demonstrations_weigh_the_same_whatever_their_length():
     plain = RMEnt(n_trusted=12, tol=1e-10).fit(observations, actions, groups=groups)
     longer = RMEnt(n_trusted=12, tol=1e-10).fit(*twice[:2], groups=twice[2])
     np.testing.assert_allclose(longer.predict_proba(observations), plain.predict_proba(observations), atol=1e-6)
-    cloned = [
-        BehavioralCloning().fit(*data).predict_proba(observations) for data in ((observations, actions), twice[:2])
-    ]
+    both = (observations, actions), twice[:2]
+    cloned = [BehavioralCloning().fit(*data).predict_proba(observations) for data in both]
     assert np.abs(cloned[0] - cloned[1]).max() > 1e-3
 
 

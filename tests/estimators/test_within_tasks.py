@@ -73,9 +73,8 @@ def test_one_policy_is_learned_from_all_tasks(both, judged, tmp_path):
     assert judged.predict(demonstrations.observations).shape == demonstrations.actions.shape
     rpil.save(judged, tmp_path / "policy")
     loaded = rpil.load(tmp_path / "policy")
-    np.testing.assert_array_equal(
-        loaded.predict(demonstrations.observations), judged.predict(demonstrations.observations)
-    )
+    of_each = (model.predict(demonstrations.observations) for model in (loaded, judged))
+    np.testing.assert_array_equal(*of_each)
 
 
 def test_labels_and_pairs_go_to_their_task(both):

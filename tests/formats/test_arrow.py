@@ -28,9 +28,8 @@ def problem():
 
 @pytest.mark.parametrize("library", FRAMES)
 def test_frames_are_read_as_files_are(library, problem):
-    given = rpil.Demonstrations(
-        problem.observations, problem.actions, problem.offsets, [f"demo {m}" for m in range(24)]
-    )
+    names = [f"demo {m}" for m in range(24)]
+    given = rpil.Demonstrations(problem.observations, problem.actions, problem.offsets, names)
     frame = FRAMES[library](flat.from_demonstrations(given, {"is_good": np.arange(24) < 16}))
     read = rpil.read(frame)
     assert read.ids == given.ids

@@ -13,7 +13,7 @@ from rpil.data.arrays import LONGEST_TEXT
 from rpil.data.errors import DataError
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.registry import find
-from rpil.formats.step_arrays import NO_STEPS, NOT_IN_FIRST
+from rpil.formats.step_arrays import NO_STEPS, NOT_IN_FIRST, OF_WHOLE
 
 
 def contents(path):
@@ -78,7 +78,7 @@ def test_a_file_as_robosuite_wrote_it():
 def test_attributes_of_groups_are_facts_where_they_are_named(tmp_path):
     path = robomimic(tmp_path / "isaac.hdf5")
     recording = rpil.open(path)
-    assert {recording.description.ignored[name] for name in ("success", "operator", "seed")} == {NO_STEPS}
+    assert {recording.description.ignored[name] for name in ("success", "operator", "seed")} == {OF_WHOLE}
     assert (recording.operators, {*recording.tasks.values()}) == ([], {"Lift"})
     assert recording.times().frames == {"demo_0": 10, "demo_2": 11, "demo_10": 12}
     recording = rpil.open(path, outcome=["succ*", "-seed"], session="Seed", task="operator", operator="operator")
@@ -118,7 +118,7 @@ def test_facts_are_numbers_or_short_texts(tmp_path, first, other, found):
     with h5py.File(path, "r+") as file:
         for name, demo in file["data"].items():
             demo.attrs.update({} if (value := first if name == "demo_0" else other) is None else {"fact": value})
-    assert rpil.open(path).description.ignored["fact"] == NO_STEPS
+    assert rpil.open(path).description.ignored["fact"] == (NO_STEPS if "shape" in found else OF_WHOLE)
     with refused(found) if isinstance(found, str) else nullcontext():
         assert [value for _, value in rpil.open(path, operator="fact").operators] == [*found, found[1]]
 
@@ -165,11 +165,15 @@ def test_what_nobody_saw_is_no_observation(tmp_path):
         for demo in file["data"].values():
             for name in unseen:
                 demo[f"obs/{name}"] = np.random.default_rng(1).normal(size=(len(demo["actions"]), 4))
+            demo["goal/x"] = demo["actions"][:]
     said = formats.read_recording(path).description
     assert said.observations == ("gripper", "robot/eef_pos.0", "robot/eef_pos.1", "robot/eef_pos.2")
     reasons = ("the last action", "commands and labels of the program that made the data", "labels of subtasks")
     assert tuple(said.ignored[f"obs/{name}"] for name in unseen) == reasons
-    assert len(rpil.open(path, observations="obs/actions, obs/datagen_info/*").description.observations) == 12
+    goal = "No goal is read: --observations takes goal/x, with the names of all others."
+    for given, n in ((None, 4), ("obs/actions, obs/datagen_info/*", 12), ("gripper,goal/*", 8)):
+        said = rpil.open(path, **({"observations": given} if given else {})).description
+        assert (len(said.observations), goal in said.notes) == (n, given is None)
 
 
 def test_the_time_of_the_simulator_is_no_observation(tmp_path):

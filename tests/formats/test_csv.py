@@ -94,7 +94,8 @@ def test_a_demonstration_in_two_files_is_refused(tmp_path, columns, other, name)
     for file in ("a.csv", other):
         (tmp_path / file).write_text(text(columns))
     for on_disk in (False, True):
-        with refused(f"demonstration {name}: it is both in a.csv and in {other}; give each"):
+        remedy = "rename one of them" if name == "'a'" else "give each"
+        with refused(f"demonstration {name}: it is both in a.csv and in {other}; {remedy}"):
             read_recording(tmp_path, on_disk=on_disk)
 
 

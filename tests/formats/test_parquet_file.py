@@ -26,9 +26,7 @@ TABLE = pa.table(
 )
 
 
-@pytest.mark.parametrize(
-    "how", [{}, {"row_group_size": 100}, {"data_page_version": "2.0", "compression": "zstd"}], ids=str
-)
+@pytest.mark.parametrize("how", [{}, {"row_group_size": 100}, {"data_page_version": "2.0", "compression": "zstd"}])
 def test_bytes_are_those_of_the_footer(tmp_path, how):
     path = tmp_path / "x.parquet"
     pq.write_table(TABLE, path, **how)

@@ -49,9 +49,8 @@ def test_a_demonstration_that_holds_still_scores_lower_by_how_predictable_it_is(
     if data.space.kind == "discrete":
         assert not less(data, ratio, typical)[1].any()
         return
-    still = replace(
-        data, actions=np.where(data.per_step(np.arange(data.n_demonstrations) == 3)[:, None], 0.0, data.actions)
-    )
+    is_third = data.per_step(np.arange(data.n_demonstrations) == 3)[:, None]
+    still = replace(data, actions=np.where(is_third, 0.0, data.actions))
     own, lost = less(still, ratio, typical)
     np.testing.assert_allclose(lost, np.maximum(own - typical, 0.0) / 3, atol=1e-9)
     assert lost[3] > 1.0 > np.median(lost)

@@ -30,8 +30,9 @@ def data(tmp_path, monkeypatch):
     with open("a.csv", "w", newline="", encoding="utf-8") as stream:
         rows = csv.writer(stream)
         heads = [*(f"observation.{k}" for k in range(len(states))), *(f"action.{k}" for k in range(len(actions)))]
-        rows.writerow(["episode", "folder", "file", *heads])
+        rows.writerow(["episode", "folder", "file", "time", *heads])
         files = [(f"/data/{m % 2}", f"{m // 2}.h5") for m in np.repeat(range(len(IDS)), some.lengths)]
+        files = [(*of, k / 10 + k % 3 / 100) for k, of in enumerate(files)]
         rows.writerows([m, *own, *row] for m, own, *row in zip(names, files, *states, *actions, strict=True))
     return rpil.read("a.csv"), made.idle[: some.n_steps]
 
@@ -166,6 +167,8 @@ def test_rows_to_keep_become_demonstrations_of_their_own(data):
     observations, actions = found[1]
     np.testing.assert_array_equal(observations, demonstrations.observations[begin + 20 : begin + 31])
     np.testing.assert_array_equal(actions, demonstrations.actions[begin + 20 : begin + 31])
+    before, after = (rpil.open(name).times().timestamps for name in ("a.csv", "b.parquet"))
+    np.testing.assert_allclose(np.diff(after[6:17]), np.diff(before[begin + 20 : begin + 31]))
 
 
 REFUSED = [

@@ -17,7 +17,7 @@ from rpil.cli.options import RunOptions, command_words, pop_columns
 from rpil.cli.terminal import LOADING, print_lines, show_stages
 from rpil.data.errors import DataError
 from rpil.data.files import check_outputs
-from rpil.data.text import counted
+from rpil.data.text import TIMESTAMP, counted
 
 if TYPE_CHECKING:
     from rpil.results.choice import Table
@@ -174,31 +174,31 @@ def keep(file: str, output: str, share: float | None, verdicts: str | None, **op
 def convert(file: str, output: str, ranges: str | None, quiet: bool, **options: Any) -> None:
     """Write the demonstrations as one table, or as NumPy's arrays: one row per step.
 
-    The table has the observations, the actions, and each demonstration's operator and task; no times, and nothing else.
+    The table has the observations, the actions, the times, and each demonstration's operator and task; nothing else.
     """
     columns = pop_columns(options)
-    operator = columns.operator
     with show_stages(quiet) as progress:
         from rpil import formats
         from rpil.formats.registry import writer_of
 
         writer_of(output)
-        check_outputs((file, operator, ranges), [output])
+        check_outputs((file, operator := columns.operator, ranges), [output])
         recording = commands.open_recording(file, columns, progress)
         demonstrations = recording.demonstrations.select(slice(None))  # in memory
-        ids = [*map(str, demonstrations.ids)]
+        ids, times = [*map(str, demonstrations.ids)], recording.times().timestamps
         if ranges is not None:
             from rpil.segments.ranges import cut_out
 
-            demonstrations, ids = cut_out(demonstrations, ranges)
+            demonstrations, ids, rows = cut_out(demonstrations, ranges)
+            times = None if times is None else times[rows]
         operators = formats.read_demonstrators(operator, recording) if operator else dict(recording.operators)
         about = {"operator": operators, "task": recording.tasks}
-        truth = {what: [str(of.get(m, "")) for m in ids] for what, of in about.items() if of}
+        truth: dict[str, Any] = {what: [str(of.get(m, "")) for m in ids] for what, of in about.items() if of}
+        truth |= {} if times is None else {TIMESTAMP[0]: times}
         progress(f"writing {output}")
         formats.write(output, demonstrations, truth)
     commands.tell_of_set_aside(recording)
-    size = f"{counted(len(demonstrations), 'demonstration')}, {demonstrations.n_steps:,} steps"
-    click.echo(f"{size}: {output}")
+    click.echo(f"{counted(len(demonstrations), 'demonstration')}, {demonstrations.n_steps:,} steps: {output}")
 
 
 @main.command()

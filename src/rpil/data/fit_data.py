@@ -229,7 +229,5 @@ def check_sessions(sessions: Sequence[str], name: str, source: str) -> None:
     n_sessions = len(set(sessions))
     if n_sessions == len(sessions) or (n_sessions == 1 and name == FILE_SESSION):
         each = "one session" if n_sessions == 1 else "a session of its own each"
-        raise DataError(
-            f"{source}: the demonstrations have {each} by {name!r}, which makes no sessions to judge within; name a "
-            "column that several share with --session, or leave it out."
-        )
+        said = f"the demonstrations have {each} by {name!r}, which makes no sessions to judge within"
+        raise DataError(f"{source}: {said}; name a column that several share with --session, or leave it out.")

@@ -246,7 +246,9 @@ def read_id_pairs(path: StrPath, column: str, more: Sequence[str] = ()) -> list[
         if more and others:
             raise DataError(f"{path.name}: call the columns of rows start and end (found {quoted(others)}).")
         if missing := [*["id"] * (not id_column), *[column] * (column not in names)]:
-            raise DataError(f"{path.name}: no column is called {quoted(missing)}; rename one (found {quoted(names)}).")
+            said = f"no column is called {quoted(missing)}; rename one (found {quoted(names)})"
+            said += "" if id_column else "; ids are those of the column that rpil info names after 'Demonstrations by'"
+            raise DataError(f"{path.name}: {said}.")
         pairs: list[IdRow] = []
         for row in rows:
             m, value, *others = (from_cell(row.get(name) or "") for name in (id_column, column, *more))

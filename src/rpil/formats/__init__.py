@@ -141,7 +141,8 @@ def opened(data: object, options: ColumnOptions) -> Recording:
         return read_recording(data, options, on_disk=None)
     operator = options.operator if options.operator in options.files else None
     if options.outcomes or replace(options, operator=operator, outcome=()) != ColumnOptions(operator=operator):
-        raise DataError(f"{type(data).__name__} has no columns to choose: name them where it is read.")
+        way = ", or give outcome a number for each demonstration" * bool(options.outcomes)
+        raise DataError(f"{type(data).__name__} has no columns to choose: name them where it is read{way}.")
     if isinstance(data, Recording):
         return data
     demonstrations = data if isinstance(data, Demonstrations) else read(cast("Iterable[object]", data))
@@ -174,8 +175,8 @@ def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, Arr
 
     Parameters
     ----------
-    truth : mapping of name to (M,) array, optional
-        True values for each demonstration, such as whether it is good, for scoring; `read` ignores them.
+    truth : mapping of name to (M,) or (N,) array, optional
+        Values for each demonstration or step: whether it is good, for scoring, which `read` ignores; or ``timestamp``.
 
     Raises
     ------
@@ -186,8 +187,9 @@ def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, Arr
     arrays = {}
     for name, values in (truth or {}).items():
         arrays[name] = as_array(values, f"truth {name!r}", str(path))
-        if arrays[name].shape != (len(demonstrations),):
-            raise DataError(f"{path}: truth {name!r} needs one value for each of {len(demonstrations)} demonstrations.")
+        if arrays[name].shape not in {(len(demonstrations),), (demonstrations.n_steps,)}:
+            each = f"one value for each of {len(demonstrations)} demonstrations, or {demonstrations.n_steps} steps"
+            raise DataError(f"{path}: truth {name!r} needs {each}.")
         if is_data(name):
             raise DataError(f"{path}: truth {name!r} would be taken for data; give it another name.")
     assert writer.write is not None

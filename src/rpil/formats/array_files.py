@@ -16,7 +16,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError, guarded
 from rpil.data.files import replacing
 from rpil.data.memory import object_in, read_json
-from rpil.data.text import TASK, is_observation, may_be_outcome, natural_key, plain_name
+from rpil.data.text import STEP, TASK, TIMESTAMP, is_observation, may_be_outcome, natural_key, plain_name
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.containers import ZIP, is_zarr, keep_groups, open_hdf5, open_zarr
@@ -24,6 +24,7 @@ from rpil.formats.format import Format, Metadata, StepTables, called
 from rpil.formats.parquet import frame_rate
 from rpil.formats.scan import commas, without_damaged
 from rpil.formats.step_arrays import Closed, Part, StoredArray, Tree, from_parts, read_once
+from rpil.formats.table import step_columns
 from rpil.formats.table_folder import has_tables
 from rpil.numerics.types import Array
 
@@ -166,12 +167,14 @@ def _said(attributes: Tree, what: str) -> object:
 
 
 def write(path: Path, demonstrations: Demonstrations, truth: Mapping[str, Array]) -> None:
-    """Write the arrays that `read` reads, and each `truth` (M,) under its own name."""
+    """Write the arrays that `read` reads, and each `truth`, (M,) or (N,), under its own name."""
+    ids, numbers = step_columns(demonstrations.ids, demonstrations.offsets).values()
     arrays = {
         "observations": demonstrations.observations,
         "actions": demonstrations.actions,
-        "episode_ids": np.repeat(np.array(demonstrations.ids), demonstrations.lengths),
+        "episode_ids": ids,
         "observation_names": np.array(demonstrations.observation_names),
+        **({STEP: numbers} if TIMESTAMP[0] in truth else {}),  # by which rows are sorted, and which may go back
     }
     with replacing(path) as temporary:
         write_npz(temporary, {**truth, **arrays})

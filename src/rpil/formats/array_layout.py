@@ -62,7 +62,7 @@ class Arrays:
     kind: str = ""  # the name of the format
     options: ColumnOptions = ColumnOptions()
     attributes: Callable[[str], Tree] = lambda _: {}  # of the group at a path
-    links: Sequence[str] = ()  # paths of links, none of which is followed
+    notes: tuple[str, ...] = ()  # what of the container is not read
     unread: Mapping[str, str] = field(default_factory=dict)  # arrays that are not here, and why
 
     @cached_property
@@ -115,11 +115,6 @@ class Arrays:
             return False
         ids = [name for name in self.shaped((acted[:1],), "ids") if name in EPISODE]
         return not any(len({*self.values(name).tolist()}) < acted[0] for name in ids)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """A note that links are not read."""
-        return (f"Not read, because they are links: {commas(self.links)}.",) if self.links else ()
 
     def groups(self) -> tuple[str, dict[str, Part]]:
         """The first place where groups hold actions, and the arrays in each of these groups, by its name."""

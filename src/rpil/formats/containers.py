@@ -27,6 +27,7 @@ from rpil.data.memory import MIB, check_free
 from rpil.data.text import natural_key
 from rpil.formats.array_layout import ROLES, Arrays
 from rpil.formats.columns import ColumnOptions
+from rpil.formats.scan import commas
 from rpil.formats.step_arrays import Closed, is_value
 from rpil.numerics.types import Array
 
@@ -67,7 +68,8 @@ def open_hdf5(path: Path, options: ColumnOptions = ColumnOptions()) -> tuple[h5p
         room = [_ROOM]
         found = {place: _FileArray(file, place, room) for place in leaves if is_hard[place]}
         links = [place for place in leaves if place not in found]
-        return file, Arrays(found, path.name, "HDF5", options, partial(_attributes, file), links)
+        notes = (f"Not read, because they are links: {commas(links)}.",) if links else ()
+        return file, Arrays(found, path.name, "HDF5", options, partial(_attributes, file), notes)
 
 
 def _attributes(file: h5py.File, group: str) -> dict[str, Closed]:

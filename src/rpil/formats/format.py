@@ -128,7 +128,7 @@ class Format:
     # What `keep` writes no new file of, in words; empty where it writes one.
     unkept: Callable[[Path, ColumnOptions], str] = lambda *_: ""
     suffixes: tuple[str, ...] = ()  # extensions of its files; those that `write` writes have the first
-    # Writes demonstrations to a path, and true values (M,) for each by name, which `read` ignores.
+    # Writes demonstrations to a path, and values (M,) for each or (N,) for each step by name.
     write: Callable[[Path, Demonstrations, Mapping[str, Array]], None] | None = None
     # What beside the demonstrations does not agree with them; with True, in videos too.
     find_defects: Callable[[Path, bool], list[Defect]] | None = None

@@ -60,7 +60,8 @@ def find_places(rows: Steps, columns: Columns) -> tuple[Steps, Columns]:
     for row, file in zip(heads, rows.files(heads) or repeat(rows.source), strict=False):
         if files.setdefault(m := names_of[group[row]], file) != file:
             remedy = "give each demonstration its own id, in one file"
-            remedy += f"; where each file is one, --exclude {columns.episode}" if columns.episode != FILE else ""
+            remedy += f"; where each file is one, --exclude {columns.episode}"
+            remedy = "rename one of them" if columns.episode == FILE else remedy
             raise DataError(f"{rows.source}, demonstration {m!r}: it is both in {files[m]} and in {file}; {remedy}.")
     apart = "; rows of a demonstration lay apart" if len(heads) > len(chosen) else ""
     rows = replace(rows if moved is None else rows.taken(moved), ids=ids, offsets=offsets)
@@ -159,10 +160,8 @@ def shorter(
     """
     clock, is_new = find_clock(replace(rows, offsets=np.arange(2)), columns), columns.episode == STRETCH
     if clock is None or clock.unit is None:
-        said = (
-            "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it with"
-        )
-        raise DataError(f"{rows.source}: {said} --order; make one of times in texts.")
+        said = "no column is a time in seconds, which ends demonstrations: name one timestamp, or time_ms, or name it"
+        raise DataError(f"{rows.source}: {said} with --order; make one of times in texts.")
     seconds = clock.ticks * clock.unit
     if gap := columns.options.split_gap:
         steps, counts, labels = np.diff(seconds, prepend=np.nan), Counter[int](), list[Id]()
@@ -206,10 +205,9 @@ def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
         sessions = tuple(str(value) for _, value in pairs)
     outcomes, lengths = list[Array](), np.diff(steps.offsets).astype(float)
     for column, less in ((one.removeprefix("-"), one.startswith("-")) for one in columns.outcomes):
-        values = None if column == LENGTH else flat.numbers_or_missing(table[column])
-        found = lengths if column == LENGTH else None
-        if values is not None:
-            found = outcome_of_steps(values.astype(float), steps.offsets, column)
+        found = lengths if column == LENGTH else flat.numbers_or_missing(table[column])
+        if found is not None and column != LENGTH:
+            found = outcome_of_steps(found.astype(float), steps.offsets, column)
         if found is None:
             kinds = "neither one number for each demonstration, nor a reward, nor a flag of 0 and 1"
             remedy = f"name another column with --outcome, or {LENGTH!r}"

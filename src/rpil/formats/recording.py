@@ -282,6 +282,8 @@ def _notes(
         notes.append(f"Each stretch of {options.segment:g} s is a demonstration.")
     if 1 < len(steps.ids) == len(steps):
         notes.append(f"Each demonstration has one step: is {columns.episode} the right column of the demonstration?")
+    if goals := [m for m, why in columns.ignored.items() if "goal" in m.lower() and why.startswith("not named as an")]:
+        notes.append(f"No goal is read: --observations takes {commas(goals)}, with the names of all others.")
     if fps and recorded and abs(recorded - fps) > 0.01 * fps:
         notes.append(f"{fps:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}.")
     if constant and len(steps.ids) < len(steps):

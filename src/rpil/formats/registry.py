@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -27,14 +27,16 @@ from rpil.formats.format import Format, StepTables, called, from_arrow
 from rpil.formats.recording import Recording, from_tables
 
 
-class Formats:
-    """The formats of `rpil.formats`, and of other packages: a module is imported when its turn comes."""
+def known_formats() -> Iterator[Format]:
+    """The formats of `rpil.formats`, and of other packages, in the order in which a path is shown to them: extensions
+    of one format come first, because no file is opened for them; what any folder may be comes last.
 
-    def __iter__(self) -> Iterator[Format]:
-        for module in ("parquet", "csv", "lerobot.folder", "array_files", "json_lines", "table_folder"):
-            yield import_module(f"rpil.formats.{module}").FORMAT
-        for point in entry_points(group="rpil.formats"):
-            yield Format(point.name, called(point.name), partial(_read_foreign, point), suffixes=(point.name,))
+    A module is imported when its turn comes.
+    """
+    for module in ("parquet", "csv", "lerobot.folder", "array_files", "json_lines", "table_folder"):
+        yield import_module(f"rpil.formats.{module}").FORMAT
+    for point in entry_points(group="rpil.formats"):
+        yield Format(point.name, called(point.name), partial(_read_foreign, point), suffixes=(point.name,))
 
 
 def _read_foreign(point: EntryPoint, path: Path, options: ColumnOptions) -> StepTables:
@@ -50,16 +52,11 @@ def _read_foreign(point: EntryPoint, path: Path, options: ColumnOptions) -> Step
     return from_arrow(checked(), options, path.name, point.name)
 
 
-FORMATS: Iterable[Format] = Formats()
-"""The formats, in the order in which a path is shown to them: extensions of one format come first, because no file
-is opened for them; what any folder may be comes last."""
-
-
 def find_format(path: StrPath) -> Format | None:
     """The format that claims a file or a folder, if any; a `DataError`, before anything is opened, where it is not
     there, or `check_folder` raises one."""
     files.check_folder(place := files.check_exists(path))
-    return next((one for one in FORMATS if one.claims(place)), None)
+    return next((one for one in known_formats() if one.claims(place)), None)
 
 
 @dataclass(frozen=True)
@@ -174,10 +171,10 @@ def find(path: StrPath) -> ClaimedPath:
 
 def writer_of(path: StrPath) -> Format:
     """The format that is written to files with the extension of `path`; a `DataError` that names these extensions."""
-    writers = {one.suffixes[0]: one for one in FORMATS if one.write is not None}
+    writers = {one.suffixes[0]: one for one in known_formats() if one.write is not None}
     return writers[files.check_extension(path, writers).suffix.lower()]
 
 
 def suffixes() -> list[str]:
     """The extensions of files of all formats."""
-    return [suffix for one in FORMATS for suffix in one.suffixes]
+    return [suffix for one in known_formats() for suffix in one.suffixes]

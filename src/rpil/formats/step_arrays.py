@@ -24,6 +24,7 @@ from rpil.formats.table import BATCH_ROWS, Kind
 from rpil.numerics.types import Array
 
 NO_STEPS, NOT_IN_FIRST = "not one value for each step", "not in the first demonstration"
+OF_WHOLE = "one value for each demonstration, which --outcome, --operator, --session and --task can name"
 
 MAX_MATRIX = 1024
 """Numbers of a matrix that is no image, at most; it is read as a list."""
@@ -114,8 +115,8 @@ def from_parts(
     columns = find_columns(kinds, source, replace(options, id=options.id or id_column), lists=lists)
     without = [m for m in {*columns.ignored} - {*columns.all} if m in first.arrays and not first.has_steps(m)]
     more = (name for part in parts[1:] for name in (*part.arrays, *part.about) if name not in kinds)
-    ignored = {**columns.ignored, **dict.fromkeys(without, NO_STEPS), **dict.fromkeys(more, NOT_IN_FIRST)}
-    columns = replace(columns, ignored=ignored)
+    told = {m: NO_STEPS if first.fact(m) is None else OF_WHOLE for m in without}
+    columns = replace(columns, ignored={**columns.ignored, **told, **dict.fromkeys(more, NOT_IN_FIRST)})
     others = {*columns.all} - {*columns.actions, *columns.observations}
     facts = {m: [part.fact(m) for part in parts] for m in others if first.fact(m) is not None}
     whole = {m: np.array(own).tolist() for m, own in facts.items() if None not in own}

@@ -59,7 +59,7 @@ def kind_of_type(kind: pa.DataType) -> Kind:
 
 
 def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, Array]) -> pa.Table:
-    """The ``pyarrow.Table`` that `to_demonstrations` reads back, with one more column for each `truth` (M,)."""
+    """The table that `rpil.read` reads back, with one more column for each `truth`, (M,) or (N,)."""
     columns = step_columns(demonstrations.ids, demonstrations.offsets)
     for name, column in zip(demonstrations.observation_names, demonstrations.observations.T, strict=True):
         columns[f"observation.{name}"] = column
@@ -68,7 +68,8 @@ def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, Arra
     else:
         names = action_columns(demonstrations.action_names, demonstrations.n_actions)
         columns |= zip(names, demonstrations.actions.T, strict=True)
-    return pa.table(columns | {name: np.repeat(values, demonstrations.lengths) for name, values in truth.items()})
+    n, lengths = demonstrations.n_steps, demonstrations.lengths
+    return pa.table(columns | {m: v if len(v) == n else np.repeat(v, lengths) for m, v in truth.items()})
 
 
 def step_columns(ids: Sequence[object], offsets: Array) -> dict[str, Array]:

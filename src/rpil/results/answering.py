@@ -133,11 +133,10 @@ def shown_proba(
     return np.asarray(np.where(verdicts == 0, bounded, proba))
 
 
-def verdicts_of(verdicts: Int[Array, " M"], anchor: str, stays: Int[Array, " M"] | None = None) -> tuple[Verdict, ...]:
+def verdicts_of(verdicts: Int[Array, " M"], anchor: str, stays: Int[Array, " M"] | int = 0) -> tuple[Verdict, ...]:
     """The signs 1, 0 and -1 as verdicts of an anchor; where they are 0, those of no anchor for what `stays`."""
     said, unsaid = VOCABULARIES[anchor], VOCABULARIES["none"]
     texts: dict[int, Verdict] = {2: said.upper, 0: "open", -1: unsaid.lower, -2: said.lower}
-    stays = np.zeros_like(verdicts) if stays is None else stays
     return tuple(texts[sign] for sign in np.where(verdicts == 0, stays, 2 * verdicts).tolist())
 
 

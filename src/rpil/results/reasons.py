@@ -61,8 +61,11 @@ def reasons_of(audit: Judged, answers: Answers, said: Sequence[str]) -> Iterator
     `said` of each is `AuditResult.said`."""
     groups = {name: letter for letter, group in zip("AB", audit.competing, strict=False) for name in group}
     rank = np.argsort(np.argsort(audit.log_odds, kind="stable"))
+    zero = (answers.outcomes[:, max(k := answers.only_flag, 0) : k + 1] == 0).any(axis=1)  # in the only flag
+    spared = zero & (answers.labels == 0) & ~answers.failed(audit.log_odds) & (audit.log_odds > 0)
     for m, name in enumerate(audit.ids):
         reason = _by_answers(audit, m, answers, said[m]) or _by_scores(audit, m, int(rank[m]), groups.get(name, ""))
+        reason += f", though {answers.failure}" if spared[m] else ""
         place, at, does = _worst_of(audit, m)
         differs = f"{place}{f', most {at}' * bool(at)}{f': {does}' * bool(does)}"
         if reason == DIFFERENT and place:

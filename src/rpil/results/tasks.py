@@ -202,8 +202,6 @@ def _joined_notes(audits: Mapping[str, Audit]) -> tuple[str, ...]:
 
 
 def _sentence(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], what: str) -> str:
-    findings = (
-        f"{task or 'no task'} ({len(rows):,}: {audits[task].finding if task in audits else 'not judged'})"
-        for task, rows in places.items()
-    )
+    found = {task: audits[task].finding if task in audits else "not judged" for task in places}
+    findings = (f"{task or 'no task'} ({len(rows):,}: {found[task]})" for task, rows in places.items())
     return f"Demonstrations are judged within their {what}: {', '.join(findings)}."

@@ -78,8 +78,8 @@ def write_ranges(path: StrPath, ranges: Mapping[str, Sequence[tuple[int, int]]])
         temporary.write_text(f"{{{lines}}}\n", encoding="utf-8")
 
 
-def cut_out(demonstrations: Demonstrations, path: StrPath) -> tuple[Demonstrations, list[str]]:
-    """The rows in a file of ranges, of which each range is a demonstration, "run-8/0"; and the id of each before."""
+def cut_out(demonstrations: Demonstrations, path: StrPath) -> tuple[Demonstrations, list[str], Int[Array, " n"]]:
+    """The rows in a file of ranges, each a demonstration, "run-8/0"; the id of each before, and the numbers of rows."""
     file, place = check_readable(path), {str(name): m for m, name in enumerate(demonstrations.ids)}
     with guarded(file.name, "it cannot be read as JSON", "write it again"):
         given = json.loads(read_text(file), object_pairs_hook=tuple)  # in which a key may come twice
@@ -104,7 +104,7 @@ def cut_out(demonstrations: Demonstrations, path: StrPath) -> tuple[Demonstratio
         counts[name] += 1
     offsets = np.cumsum([0, *(b - a for _, a, b in found)])
     arrays = {"observations": demonstrations.observations[rows], "actions": demonstrations.actions[rows]}
-    return replace(demonstrations, **arrays, offsets=offsets, ids=tuple(ids)), [name for name, _, _ in found]
+    return replace(demonstrations, **arrays, offsets=offsets, ids=tuple(ids)), [name for name, _, _ in found], rows
 
 
 def segment_columns(segments: Segments, ids: Sequence[Hashable], fps: float | None) -> dict[str, Sequence[object]]:

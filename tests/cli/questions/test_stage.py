@@ -132,9 +132,7 @@ def test_a_sweep_chooses_by_clicks_and_keys_and_answers_for_all(review, browser)
         shown = "".join(map(browser.text, (".ask", ".detail", "article > header")))
         assert not [word for word in ("outlier", "score", "P(") if word in shown], "an opinion comes after the answer"
         browser.press("v")
-        browser.wait(
-            f"{TILES}.length === 24 && {TILES}.every((one) => one.querySelector('polyline').points.length > 9)"
-        )
+        browser.wait(f"{TILES}.length === 24 && {TILES}.every(one => one.querySelector('polyline').points.length > 9)")
         row = browser.evaluate(f"{TILES}.map((one) => Number(one.dataset.m))")
         browser.click(".tile")
         browser.press("ArrowRight")
@@ -151,9 +149,7 @@ def test_a_sweep_chooses_by_clicks_and_keys_and_answers_for_all(review, browser)
         browser.wait(
             "document.querySelector('[data-role=told]').textContent === '4 marked bad; z takes them all back.'"
         )
-        assert {tuple(one) for one in read_answer_rows("labels.csv")} == {
-            AnswerRow(str(m), "bad", "drop") for m in row[1:5]
-        }
+        assert {*read_answer_rows("labels.csv")} == {AnswerRow(str(m), "bad", "drop") for m in row[1:5]}
         assert browser.evaluate("document.querySelectorAll('dialog.sweep .mark.bad').length") == 4
         assert browser.evaluate(CHOSEN) == []
         browser.press("z")

@@ -206,9 +206,8 @@ def _in_times(folder: CheckedFolder) -> Iterator[Defect]:
         fps, off = float(folder.info["fps"]), np.max([rows.off for rows in wrong.values()])
         why = "a timestamp is no number" if np.isnan(off) else "times do not rise"
         if not np.isnan(off) and (recorded := np.median([rows.fps for rows in wrong.values()])):
-            why = (
-                f"declared are {fps:.3g} frames a second, recorded {recorded:.3g}; timestamps are up to {off:.3g} s off"
-            )
+            why = f"declared are {fps:.3g} frames a second, recorded {recorded:.3g}"
+            why += f"; timestamps are up to {off:.3g} s off"
         said = f"LeRobot cannot load these rows: {why}"
         if not folder.cameras("video"):
             said = f"{why}; LeRobot loads these rows all the same, for they have no videos"

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rpil.data.arrays import spans
 from rpil.data.errors import DataError, guarded, optional
 from rpil.data.files import check_readable
 from rpil.data.text import duration
@@ -159,12 +160,9 @@ def _stillness(seen: Array, is_black: Array) -> tuple[int, int]:
     moves = (mean > 8 * SAME_MEAN) | (most > 4 * SAME_MOST)
     first = length = 0
     for repeats in (same | (small & (np.convolve(same, [1, 0, 1], "same") == 2)), same):
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], repeats, [False]])))
-        lengths = np.diff(edges)[::2]
-        if len(lengths):
-            first, length = int(edges[::2][np.argmax(lengths)]), int(lengths.max())
-            if same[first : first + length].mean() >= LEAST_SAME:
-                break
+        first, length = max(((a, b - a) for a, b in spans(repeats)), key=lambda run: run[1], default=(first, length))
+        if length and same[first : first + length].mean() >= LEAST_SAME:
+            break
     if length and moves.any():  # what comes before it is the same picture, if it differs by less than moving ones do
         off = np.abs(seen[:first].astype(float) - seen[first]).mean(axis=(1, 2)) > 0.5 * np.median(mean[moves])
         before = first - int(np.flatnonzero(np.append(True, off))[-1])

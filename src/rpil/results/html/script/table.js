@@ -16,19 +16,19 @@ const columnsOf = (model) => {
   const opinion = (key, title, width, cell, more) => ({ key, title, width, varies: new Set(d[key]).size > 1, cell: (m) => (model.isOpen(m) ? "" : cell(m)), ...more });
   const right = { right: true }, odd = (m) => d.worst[m].slice(0, 3).map((step) => (view.fps ? (step / view.fps).toFixed(1) : step));
   const all = [
-    { key: "look", title: "Order", width: 70, right: true, cell: (m) => d.look[m] + 1, faint: true },
-    { key: "id", title: "Demonstration", width: 142, head: true, cell: (m) => names[m] },
+    { key: "look", title: "Order", width: 78, right: true, cell: (m) => d.look[m] + 1, faint: true },
+    { key: "id", title: "Demonstration", width: 150, head: true, cell: (m) => names[m] },
     { key: "mark", title: live ? "Your answer" : "Your mark", width: 126, varies: !live || model.marks.size > 0, cell: (m) => (model.marks.has(m)
       ? el("span", { class: `mark ${model.marks.get(m)}` }, model.marks.get(m)) : "") },
     opinion("verdict", "Verdict", 100, (m) => el("span", { class: `verdict ${model.side(m)}` }, d.verdict[m])),
-    opinion("rank", "Place", 72, (m) => d.rank[m].toLocaleString("en"), right),
+    opinion("rank", "Place", 76, (m) => d.rank[m].toLocaleString("en"), right),
     opinion("p", view.probability, 100, (m) => (d.p[m] === null ? "" : percent(d.p[m])), right),
     opinion("log_odds", "Score", 78, (m) => number(d.log_odds[m]), right),
-    opinion("reliability", "Steps like the rest", 160, bar, { varies: new Set(d.reliability.map(percent)).size > 1 }),
-    { key: "n_steps", title: "Steps", width: 72, right: true, varies: new Set(d.n_steps).size > 1, cell: (m) => d.n_steps[m].toLocaleString("en") },
+    opinion("reliability", "Steps like the rest", 178, bar, { varies: new Set(d.reliability.map(percent)).size > 1 }),
+    { key: "n_steps", title: "Steps", width: 76, right: true, varies: new Set(d.n_steps).size > 1, cell: (m) => d.n_steps[m].toLocaleString("en") },
     opinion("group", "Group", 74, (m) => d.group[m]), text("demonstrator", "Operator", 110), text("session", "Session", 110), text("task", "Task", 150),
-    { key: "faults", title: "Odd in the recording", width: 172, varies: model.rules.some((own) => own.length), cell: (m) => model.rules[m].join(", ") },
-    opinion("worst", view.fps ? "Differs most at (s)" : "Differs most at step", 172, (m) => odd(m).join(", "), { fixed: true, varies: d.worst.some((own) => own.length) }),
+    { key: "faults", title: "Odd in the recording", width: 198, varies: model.rules.some((own) => own.length), cell: (m) => model.rules[m].join(", ") },
+    opinion("worst", view.fps ? "Differs most at (s)" : "Differs most at step", 178, (m) => odd(m).join(", "), { fixed: true, varies: d.worst.some((own) => own.length) }),
   ];
   return all.filter(({ varies = true }) => varies);
 };
