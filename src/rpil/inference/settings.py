@@ -82,7 +82,7 @@ class OutlierSettings:
     benchmarks/ablations.py ("min_distance 2")."""
     min_proba: float = 0.9
     """1 - P of the upper group from which a demonstration is of the lower one."""
-    max_own_gain: float = 0.25
+    max_own_gain: float = 0.3
     """Gain of the lower part by its own policy, relative to that of the others by theirs, up to which it is noise.
     benchmarks/ablations.py ("max_own_gain .45", "max_own_gain .15")."""
     max_share: float = 1 / 3
