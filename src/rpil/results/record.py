@@ -102,7 +102,7 @@ class Audit(AuditResult):
     within : str
         "tasks", "sessions" or both, if each of these was judged by itself; else empty.
     by_task : callable or None
-        Then the audit that is learned from all answers, each of its own task; see `rpil.results.tasks`.
+        Learns from answers within each task (`rpil.results.tasks`); None if the demonstrations were judged together.
     provenance : mapping or None
         How `rpil.audit` or a command made the audit, before any answers through `answered`.
     """
