@@ -78,10 +78,14 @@ def drawn(good: Array, count: int, rng: np.random.Generator) -> Array | None:
 
 
 def answered(
-    audit: Row, answers: Answers, settings: AnswerSettings = SETTINGS, who: Demonstrators = NOBODY
+    audit: Row,
+    answers: Answers,
+    settings: AnswerSettings = SETTINGS,
+    who: Demonstrators = NOBODY,
+    task_of: Array | None = None,
 ) -> Answered:
     """What answers make of an audit."""
-    return answer(audit["columns"], answers, settings, np.arange(len(audit["columns"])), who)
+    return answer(audit["columns"], answers, settings, np.arange(len(audit["columns"])), who, task_of)
 
 
 def labelled(audit: Row, chosen: Array, signs: Array | None = None, settings: AnswerSettings = SETTINGS) -> Answered:

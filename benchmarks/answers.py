@@ -45,7 +45,7 @@ from options import asked
 from provenance import line, provenance
 from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
-from witnesses import by_operators, by_witnesses
+from witnesses import by_operators, by_tasks, by_witnesses
 from worlds.simulated import of_paper
 
 LOW = 0.4
@@ -81,6 +81,7 @@ def main(arguments: list[str] | None = None) -> int:
         parts += [partial(by_both_good, sets)]
         parts += [partial(by_success, options.quick), partial(by_witnesses, sets, draws)]
         parts += [partial(by_operators, sets, draws, count) for count in (8, 16)]
+        parts += [partial(by_tasks, sets, draws, count) for count in (8, 16)]
         parts += [partial(by_outcome, sets, draws), partial(by_nonsense, audits, draws)]
         rows = [row for found in pool.imap(call, parts) for row in found]
     print(table(rows))

@@ -2,7 +2,7 @@
 
 Five flags are right of 60 to 90 % of the demonstrations. Two err together, and one is reversed. A coin is added to
 them, or two coins or one flag are all there is. Operators are witnesses, too: their names are given, by chance, or not
-at all.
+at all. And sets of one family, or three parts of a set, are tasks, or sessions, whose answers count together or alone.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from claims import Row, auroc
 from rpil.data.fit_data import Demonstrators
 from rpil.inference.answered import Answered
 from rpil.inference.answers import Answers
+from rpil.results.tasks import widened
 from worlds import Array
 
 RIGHT = (0.6, 0.7, 0.75, 0.8, 0.9)
@@ -77,6 +78,52 @@ def by_operators(sets: list[Row], draws: int, count: int) -> list[Row]:
         }
 
     return counted([audit for audit in sets if audit["who"].informative], draws, count, found)
+
+
+FAMILIES = ("metaworld", "overcooked")
+"""Sets whose names begin so are tasks of one recording."""
+
+
+def by_tasks(sets: list[Row], draws: int, count: int) -> list[Row]:
+    """Random labels of tasks of one family, of a set in three sessions, and of three sets that have nothing in common,
+    judged together and each by itself; and by a coin, together."""
+    rng, rows = np.random.default_rng(0), list[Row]()
+    families = [[audit for audit in sets if audit["name"].startswith(name)] for name in FAMILIES]
+    parts = [[of_part(audit, k) for k in range(3)] for audit in sets]
+    others = [[sets[m] for m in rng.permutation(len(sets))[:3]] for _ in sets]
+    groups = dict(zip(FAMILIES, [[own] for own in families if own], strict=False))
+    for name, many in (groups | {"three sessions": parts, "three unlike sets": others}).items():
+        found = counted([together(each) for each in many], draws, count, in_tasks)
+        rows += [row | {"what": f"{name}, {row['what']}"} for row in found]
+    return rows
+
+
+def of_part(audit: Row, k: int) -> Row:
+    """The audit of every third demonstration."""
+    own = np.arange(len(audit["good"])) % 3 == k
+    return {"good": audit["good"][own], "columns": audit["columns"][own]}
+
+
+def together(audits: list[Row]) -> Row:
+    """One audit of tasks, as `rpil.results.tasks` joins them."""
+    width = max(audit["columns"].shape[1] for audit in audits)
+    columns = [widened(audit["columns"], width) for audit in audits]
+    lengths = [len(own) for own in columns]
+    good = np.concatenate([audit["good"] for audit in audits])
+    return {"good": good, "columns": np.concatenate(columns), "task": np.repeat(np.arange(len(audits)), lengths)}
+
+
+def in_tasks(audit: Row, chosen: Array, rng: np.random.Generator) -> dict[str, Answered]:
+    """What answers make of the tasks."""
+    task, answers, coins = audit["task"], truly(audit["good"], chosen), np.zeros(len(audit["good"]), dtype=int)
+    coins[chosen] = rng.choice([1, -1], len(chosen))
+    every, by_coin = (answered(audit, one, task_of=task) for one in (answers, Answers.of_labels(coins)))
+    log_odds, verdicts = np.zeros(len(task)), np.zeros(len(task), dtype=int)
+    for rows in (np.flatnonzero(task == k) for k in np.unique(task)):
+        own = answered({"columns": audit["columns"][rows]}, answers.select(rows.tolist()))
+        log_odds[rows], verdicts[rows] = own.log_odds, own.verdicts
+    alone = replace(every, log_odds=log_odds, verdicts=verdicts)
+    return {"together": every, "each by itself": alone, "together, a coin": by_coin}
 
 
 def truly(good: Array, chosen: Array) -> Answers:

@@ -1,7 +1,5 @@
 """Arguments and data that a fit refuses, each in one sentence."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from sklearn.base import clone
@@ -11,8 +9,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.estimators.cloning import BehavioralCloning
 from rpil.estimators.rment import RMEnt
 from rpil.estimators.rpil import RPIL
-from rpil.estimators.task import Task, answers_of
-from rpil.inference.answers import Answers
+from rpil.estimators.task import answers_of
 
 
 @pytest.mark.parametrize("estimator", [RPIL(), BehavioralCloning(), RMEnt()], ids=lambda e: type(e).__name__)
@@ -78,23 +75,6 @@ def test_outcomes_are_files_with_their_names_or_numbers(tmp_path):
     for given, name in ((str(path), "grade"), ([str(path)], "grade"), (numbers, "outcome"), (np.arange(12), "outcome")):
         known = answers_of(None, given, TOY.demonstrations)
         assert (known.names, known.outcomes[:, 0].tolist()) == ((name,), numbers)
-
-
-@pytest.mark.parametrize(
-    ("given", "left", "flag"),
-    [
-        (("grade", "same"), ["grade"], -1), (("all", "grade"), ["grade"], -1), (("all",), [], -1),
-        (("none",), ["none"], 0), (("grade", "same", "none"), ["grade", "none"], 1), (("some",), ["some"], 0),
-        (("none", "some"), ["some"], -1),  # of two flags, none says who failed
-    ],
-)  # fmt: skip
-def test_outcomes_that_are_the_same_for_all_tell_nothing_unless_all_failed(given, left, flag):
-    m = np.arange(12)
-    values = {"grade": 1.0 + m, "same": 3.0 + 0 * m, "all": 1.0 + 0 * m, "none": 0.0 * m, "some": m % 2.0}
-    answers = replace(Answers.none(12), outcomes=np.column_stack([values[name] for name in given]), names=given)
-    found = Task.of(TOY.demonstrations, answers=answers).answers
-    assert (list(found.names), found.flag) == (left, flag)
-    np.testing.assert_array_equal(found.outcomes.T, np.reshape([values[name] for name in left], (-1, 12)))
 
 
 @pytest.mark.parametrize(("weight", "words"), [(0.0, "zero"), (-1.0, "[Nn]egative")])

@@ -12,8 +12,10 @@ import rpil
 from problems import coefficients, make, refused
 from rpil import Demonstrations
 from rpil.data.errors import DataError
-from rpil.estimators.within_tasks import with_reference
+from rpil.estimators.pipeline import FitOptions
+from rpil.estimators.within_tasks import Statements, fit_within_tasks, with_reference
 from rpil.formats import table as flat
+from rpil.results.judged import ALONE
 from small import FAST, SMALL
 
 
@@ -28,7 +30,6 @@ def both(tmp_path_factory):
     table = table.set_column(episode, "episode_index", left)
     mirrored = mirrored.set_column(episode, "episode_index", pa.compute.add(left, 100))
     tasks, n = pa.concat_tables([table, mirrored]), len(table)
-    tasks = tasks.append_column("clock", pa.compute.divide(tasks["step_index"], 10.0))
     path = tmp_path_factory.mktemp("tasks") / "both.parquet"
     tasks = tasks.append_column("task", [["left"] * n + ["right"] * n])
     pq.write_table(tasks.append_column("who", [["Ann"] * n + ["Bob"] * n]), path)
@@ -51,18 +52,6 @@ def test_each_task_is_judged_as_if_it_were_alone(both, judged, tmp_path):
     np.testing.assert_array_equal(judged.audit_.log_odds[: len(alone.ids)], alone.log_odds)
 
 
-@pytest.mark.parametrize("outcome", [None, {m: m % 100 % 4 for m in (*range(11), *range(100, 111))}])
-def test_an_answer_that_is_added_speaks_of_its_own_task_alone(both, outcome):
-    labels = {0: "good", 1: "good", 9: "bad", 10: "bad", 2: "better than 8", 100: "good", (104, 2, 9): "bad"}
-    audit, added = (rpil.audit(both, given, outcome, settings=FAST, session="who") for given in (labels, None))
-    for name, word in labels.items():
-        added = added.answered({name: word})
-    for name in ("log_odds", "verdicts", "rejected_by", "said", "notes", "doubts", "method", "sessions"):
-        np.testing.assert_array_equal(getattr(added, name), getattr(audit, name), name)
-    np.testing.assert_allclose(added.step_weight, audit.step_weight)
-    assert {own.fps for own in audit.by_task.args[0].values()} == {10.0}, "their reasons name seconds"
-
-
 def test_one_policy_is_learned_from_all_tasks(both, judged, tmp_path):
     demonstrations = rpil.read(both)
     weighted = rpil.BehavioralCloning(features="folded").fit(
@@ -73,16 +62,64 @@ def test_one_policy_is_learned_from_all_tasks(both, judged, tmp_path):
     assert judged.predict(demonstrations.observations).shape == demonstrations.actions.shape
     rpil.save(judged, tmp_path / "policy")
     loaded = rpil.load(tmp_path / "policy")
-    of_each = (model.predict(demonstrations.observations) for model in (loaded, judged))
-    np.testing.assert_array_equal(*of_each)
+    np.testing.assert_array_equal(
+        loaded.predict(demonstrations.observations), judged.predict(demonstrations.observations)
+    )
 
 
-def test_labels_and_pairs_go_to_their_task(both):
+@pytest.mark.parametrize("outcome", [None, {m: m % 100 % 4 for m in (*range(11), *range(100, 111))}])
+def test_an_answer_that_is_added_says_the_same_as_one_that_was_given(both, outcome):
+    labels = {0: "good", 1: "good", 9: "bad", 10: "bad", 2: "better than 108", 100: "good", (104, 2, 9): "bad"}
+    audit, added = (rpil.audit(both, given, outcome, settings=FAST, session="who") for given in (labels, None))
+    assert np.nonzero(audit.verdicts != np.array("open"))[0].max() > 11, "answers about one task say more of another"
+    for name, word in labels.items():
+        added = added.answered({name: word})
+    for name in ("log_odds", "verdicts", "rejected_by", "said", "notes", "doubts", "method", "reasons"):
+        np.testing.assert_array_equal(getattr(added, name), getattr(audit, name), name)
+    np.testing.assert_allclose(added.step_weight, audit.step_weight)
+    taken_back = added.answered({0: "good", 10: "bad"}, instead=True)
+    assert np.flatnonzero(taken_back.answers.labels).tolist() == [0, 10]
+
+
+def test_labels_and_pairs_go_to_their_task_beside_a_reference(both):
     labels = [(0, "good"), (1, "better than 101"), (2, "better than 9"), (3, "same as 5"), (4, "same as 102")]
-    with pytest.warns(UserWarning, match="the labels: 2 pairs compare demonstrations of different tasks, and are left"):
-        audit = rpil_of(rpil.open(both), labels=labels).audit_
-    assert audit.answers.labels[0] == 1
-    assert (audit.answers.pairs.tolist(), audit.answers.tied.tolist()) == ([[2, 9]], [[3, 5]])
+    stated = Statements.of(rpil.open(both), labels, None, None, rpil.open(both))
+    options = FitOptions("folded", "auto", 0, FAST, lambda _: None)
+    audit, _ = fit_within_tasks(rpil.open(both), stated, options, keeps_policy=False)
+    assert (audit.ids, audit.answers.labels.tolist()) == (rpil.open(both).demonstrations.ids, [1] + [0] * 21)
+    assert audit.answers.pairs.tolist() == [[1, 12], [2, 9]]
+    assert audit.answers.tied.tolist() == [[3, 5], [13, 4]]
+    assert audit.step_weight.mean() == pytest.approx(1)
+    without, _ = fit_within_tasks(rpil.open(both), replace(stated, reference=None), options, keeps_policy=False)
+    assert (without.log_odds != audit.log_odds)[1:].all(), "the reference is evidence in both tasks"
+
+
+@pytest.mark.parametrize(("label", "sign"), [("good", 1), ("bad", -1), ("", 0)])
+def test_a_demonstration_that_is_alone_has_the_word_of_its_label_and_else_none(both, tmp_path, label, sign):
+    table = pq.read_table(both)
+    owner, task = table["episode_index"].to_numpy(), table["task"].to_pylist()
+    tasks = ["alone" if m == 110 else name for m, name in zip(owner, task, strict=True)]
+    path = tmp_path / "alone.parquet"
+    pq.write_table(table.set_column(table.column_names.index("task"), "task", [tasks]), path)
+    labels = {0: "good", 1: "good", 9: "bad", 100: "good"} | ({110: label} if label else {})
+    audit = rpil.audit(path, labels, settings=FAST)
+    m, odds = audit.ids.index(110), 1e6 - 1  # P(good) is 1 - 1e-6 (`AnswerSettings.min_proba_bound`)
+    assert audit.log_odds[m] == pytest.approx(sign * np.log(odds))
+    assert (audit.verdicts[m], audit.reasons[m]) == ((label, f"Labelled {label}.") if sign else ("open", ALONE))
+    assert audit.rejected_by[m] == ("labels" if sign < 0 else "")
+    fitted = rpil_of(rpil.open(path), labels=labels | {110: label} if label else labels).audit_
+    assert (fitted.step_weight[fitted.offsets[m]] < 1e-5) == (sign < 0)
+    failed = rpil.audit(path, outcome={n: float(n != 110) for n in audit.ids}, settings=FAST)
+    assert (failed.verdicts[m], failed.reasons[m], failed.rejected_by[m]) == ("bad", "outcome 0.", "outcome")
+    mixed = rpil.RPIL(adversary="uniform", features="folded", settings=FAST).fit(rpil.open(path), labels=labels).audit_
+    assert (mixed.step_weight[mixed.offsets[m]] == 0) == (sign < 0)
+    with pytest.raises(DataError, match="no demonstration is called '77'"):
+        rpil_of(rpil.open(both), labels={77: "good"})
+    left_out = rpil_of(
+        rpil.open(both, without=0), labels={0: "good", 1: "bad"}, demonstrators={0: "Ann", 1: "Bob", 2: "Bob"}
+    )
+    assert left_out.audit_.ids[0] == 1
+    assert left_out.audit_.answers.labels[:2].tolist() == [-1, 0]
 
 
 def test_what_was_named_when_it_was_opened_is_used(both):
@@ -112,7 +149,6 @@ def test_who_is_called_bad_has_no_weight_in_a_task_without_a_good_one_either(bot
     mean = np.add.reduceat(audit.step_weight, audit.offsets[:-1]) / audit.lengths
     assert audit.step_weight.mean() == pytest.approx(1)
     assert max(mean[audit.ids.index(name)] for name in (10, 100, 101)) < 1e-3
-    np.testing.assert_allclose(mean[13:], mean[13])  # of the others in that task nothing is known
     one_side = rpil.audit(both, labels={100: "bad", 101: "bad"}, settings=FAST)
     np.testing.assert_array_equal(one_side.step_weight, 1.0)
 

@@ -75,6 +75,7 @@ def test_contrasting_answers_that_agree_with_the_parts_say_which_one_is_good(ans
         {"labels": [1, 0, 0, -1], "pairs": [(4, 2)]},
         {"labels": [1, 0, 0, -1], "part": [0] * 6},
         {"outcome": FLAGS},
+        {"labels": [1, 0, 0, -1], "within": "tasks"},  # each task has parts of its own
     ],
 )
 def test_answers_that_predict_others_in_another_way_weigh_by_p_good(answers):

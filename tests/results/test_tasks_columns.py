@@ -54,7 +54,7 @@ def full_audit() -> Audit:
 
 def test_no_field_of_the_full_audit_is_its_default():
     audit, default = full_audit(), make_audit()
-    given = ("by_task", "offsets", "finding", "prior", "adversary", "method", "settings", "anchor", "identifiable")
+    given = ("task_of", "offsets", "finding", "prior", "adversary", "method", "settings", "anchor", "identifiable")
     changed = [one.name for one in fields(audit) if repr(getattr(audit, one.name)) == repr(getattr(default, one.name))]
     assert set(changed) <= {*given, "verdicts"}
 

@@ -44,10 +44,17 @@ CLASSES: dict[str, tuple[type, Mapping[str, str], tuple[str, ...]]] = {}
 
 
 def stored(*, renews: tuple[str, ...] = (), **axes: str) -> Callable[[Class], Class]:
-    """Register a dataclass whose objects an archive may hold, with the `axes` of each array field, in double precision.
-    Axes are numbers, or letters, each of which means one size in the whole file, perhaps plus one ("F+1 K"): D
-    observations, F features, K actions or A parts of one, B bins, M demonstrations. `renews` are letters that stand for
-    new sizes after an object of this class: those of the columns that a feature map makes."""
+    """Register a dataclass whose objects an archive may hold.
+
+    Parameters
+    ----------
+    renews : tuple of str
+        Letters that stand for new sizes after an object of this class: those of the columns that a feature map makes.
+    **axes : str
+        The axes of each array field, in double precision. Axes are numbers, or letters, each of which means one size in
+        the whole file, perhaps plus one ("F+1 K"). D observations, F features, K actions or A parts of one, B bins,
+        M demonstrations.
+    """
 
     def register(kind: Class) -> Class:
         CLASSES[kind.__name__] = kind, axes, renews

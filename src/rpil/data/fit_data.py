@@ -188,16 +188,11 @@ def check_outcome(outcome: Float[Array, " M"], name: str, source: str) -> Float[
     known = outcome[~np.isnan(outcome)]
     if not np.isfinite(known).all():
         raise DataError(f"{source}: {name} is infinite for some demonstrations; give numbers, or leave it out.")
-    if not tells(outcome):
+    if len(np.unique(known)) < 2:
         known_of = "every demonstration that it is known of, which tells none from another"
         fault = f"{known[0]:g} for {known_of}" if len(known) else "known for no demonstration"
         raise DataError(f"{source}: {name} is {fault}; name another, or leave it out.")
     return outcome
-
-
-def tells(outcome: Float[Array, " M"]) -> bool:
-    """Whether the `outcome` differs between demonstrations of which it is known."""
-    return len(np.unique(outcome[~np.isnan(outcome)])) > 1
 
 
 def given_outcome(

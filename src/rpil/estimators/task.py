@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -98,13 +98,7 @@ class Task:
             alone = f"all steps are of demonstration {source.ids[0]!r:.40}, and one demonstration alone (1 sample)"
             raise DataError(f"{source.source}: {alone} cannot be compared; give at least two.")
         groups = fit_data.group_by_demonstrator(demonstrators, source)
-        answers = answers or Answers.none(len(source.ids))
-        flag = answers.only_flag
-        telling = [k for k, one in enumerate(answers.outcomes.T) if fit_data.tells(one) or (k == flag and 0 in one)]
-        names = tuple(name for k, name in enumerate(answers.names) if k in telling)
-        left = telling.index(flag) if flag in telling else -1  # as within one session
-        answers = replace(answers, outcomes=answers.outcomes[:, telling], names=names, flag=left)
-        return cls(source, space, classes, answers, groups)
+        return cls(source, space, classes, answers or Answers.none(len(source.ids)), groups)
 
     @cached_property
     def demonstrations(self) -> Demonstrations:

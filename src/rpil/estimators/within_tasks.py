@@ -28,10 +28,11 @@ from rpil.formats.format import Dataset, Frame
 from rpil.formats.recording import Recording
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
+from rpil.results.answering import with_answers
 from rpil.results.judged import changed_settings, provenance_of
 from rpil.results.record import Audit
-from rpil.results.step_weights import takeover_signs
-from rpil.results.tasks import first_of, join_audits, with_facts
+from rpil.results.step_weights import takeover_signs, without_bad_rows
+from rpil.results.tasks import first_of, join_audits
 
 MIN_DEMONSTRATIONS = 8
 """Demonstrations of a task at least: with fewer the verdicts are weak, as a note says."""
@@ -109,63 +110,101 @@ def fit_within_tasks(
     """The audit of the demonstrations of a recording, each judged within its task and session, beside the reference if
     there is one, and the fits to these. A single one is not judged, and has the verdict of its label, if any.
     A `DataError` where sessions divide nothing."""
-    demonstrations, facts = recording.demonstrations, recording.facts
+    demonstrations, reference = recording.demonstrations, stated.reference
     if recording.options.session:
-        check_sessions(facts.sessions, recording.options.session, recording.description.source)
-    places = split_by_task(demonstrations.ids, recording.tasks, facts.sessions)
-    fps = recording.description.fps or recording.times().fps
-    known = {"sessions": facts.sessions, "order": facts.order, "fps": fps}
-    if len(places) == 1:
-        audit, fitted = _fit_group(demonstrations, stated, options, keeps_policy)
-        return with_facts(audit, stated.answers, stated.answers_source, **known), [fitted]
-    options, fits, audits = replace(options, engine=None), list[tuple[Task, FitResult]](), dict[str, Audit]()
-    what = "sessions" if recording.options.session else "tasks"
-    what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
+        check_sessions(recording.facts.sessions, recording.options.session, recording.description.source)
+    places = split_by_task(demonstrations.ids, recording.tasks, recording.facts.sessions)
+    several, fps = len(places) > 1, recording.description.fps or recording.times().fps
+    share = several and options.judges  # answers about one task are evidence about another
+    fits, audits = list[tuple[Task, FitResult]](), dict[str, Audit]()
+    ids, offsets = list[Hashable](demonstrations.ids), demonstrations.offsets
+    options = replace(options, engine=None) if several else options
     for group, rows in places.items():
-        of_group = stated.select(rows)
-        if len(rows) > 1 or stated.reference is not None:
-            audit, fitted = _fit_group(demonstrations.select(rows), of_group, options, keeps_policy)
-            audits[group] = replace(audit, fps=fps)
-            fits.append(fitted)
-    audit = join_audits(audits, places, demonstrations.ids, demonstrations.offsets, stated.answers, what, keeps_policy)
-    return with_facts(audit, stated.answers, stated.answers_source, **known), fits
+        if several and len(rows) == 1 and reference is None:
+            continue
+        own = demonstrations.select(rows) if several else demonstrations
+        said = beside_reference(stated.select(rows))
+        if reference is not None:
+            own = with_reference(own.select(slice(None)), reference.demonstrations.select(slice(None)))
+        said = replace(said, answers=Answers.none(len(own))) if share else said
+        audit, fitted = _fit_group(own, said, options, keeps_policy)
+        audit = audits[group] = replace(audit, fps=fps)
+        fits.append(fitted)
+        if several and reference is not None:  # after all others, as often as there are tasks
+            more = audit.ids[len(rows) :]
+            places[group] = [*rows, *range(len(ids), len(ids) + len(more))]
+            ids = [*map(str, ids), *more]
+            offsets = np.append(offsets, offsets[-1] + reference.demonstrations.offsets[1:])
+    if several:
+        what = "sessions" if recording.options.session else "tasks"
+        what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
+        settings = replace(options.settings.audit, judge=options.settings.judge, weighs_for_learner=keeps_policy)
+        answers = Answers.none(len(ids)) if share else stated.answers
+        audit = join_audits(audits, places, ids, offsets, answers, what, settings)
+        trust = np.repeat(answers.labels >= 0, audit.lengths)  # also of those that are alone in their task
+        audit = replace(audit, step_weight=audit.step_weight * trust)
+    if share:
+        check_labels(stated.answers, keeps_policy, recording.description.source)
+        audit = with_answers(audit, beside_reference(stated, len(audits)).answers)
+    if reference is not None:
+        audit = first_of(audit, demonstrations.ids)
+        if audit.anchor == "answers":  # a mean of 1 over those that are not of the reference
+            audit = replace(audit, step_weight=audit.step_weight / audit.step_weight.mean())
+    return _with_facts(audit, recording, stated), fits
+
+
+def beside_reference(stated: Statements, times: int = 1) -> Statements:
+    """Statements about these demonstrations, and then about those of the reference, which are good, several `times`."""
+    beside, given = stated.reference, stated.answers
+    if beside is None:
+        return stated
+    more = times * len(beside.demonstrations)
+    outcomes = np.full((more, given.outcomes.shape[1]), np.nan)
+    for k, values in enumerate(beside.facts.outcomes[::-1], 1):  # those of files come first
+        outcomes[:, -k] = np.tile(values, times)
+    labels = np.append(given.labels, np.ones(more, dtype=int))
+    answers = replace(given, labels=labels, outcomes=np.concatenate([given.outcomes, outcomes]))
+    names = [*stated.demonstrators, *[None] * more] if stated.demonstrators else ()
+    return replace(stated, answers=answers, demonstrators=names, taken_over=())  # of two files none states these
+
+
+def _with_facts(audit: Audit, recording: Recording, stated: Statements) -> Audit:
+    """The audit of a recording, with what is stated of demonstrations and steps."""
+    if audit.taken_over is not None:
+        n = int((np.maximum.reduceat(audit.taken_over, audit.offsets[:-1]) > 0).sum())
+        told = f"A person took over in {n:,} of {len(audit.ids):,}: these steps weigh more, those just before less."
+        audit = replace(audit, notes=(*audit.notes, told))
+    audit = replace(audit, answers=replace(audit.answers, marks=stated.answers.marks))
+    weight, facts = without_bad_rows(audit, audit.step_weight), recording.facts
+    return replace(audit, sessions=facts.sessions, order=facts.order, step_weight=weight)
 
 
 def _fit_group(
     demonstrations: Demonstrations | Dataset, stated: Statements, options: FitOptions, keeps_policy: bool
 ) -> tuple[Audit, tuple[Task, FitResult]]:
-    """The audit of demonstrations that are judged together, beside a reference if there is one, and their fit."""
-    n, ids = len(demonstrations), demonstrations.ids
-    if stated.reference is not None:
-        first, beside, given = demonstrations.select(slice(None)), stated.reference, stated.answers  # in memory
-        demonstrations = with_reference(first, beside.demonstrations.select(slice(None)))
-        more = len(demonstrations) - n
-        outcomes = np.full((more, given.outcomes.shape[1]), np.nan)
-        for k, values in enumerate(beside.facts.outcomes[::-1], 1):  # those of files come first
-            outcomes[:, -k] = values
-        labels = np.append(given.labels, np.ones(more, dtype=int))  # those of the reference are good
-        answers = replace(given, labels=labels, outcomes=np.concatenate([given.outcomes, outcomes]))
-        names = [*stated.demonstrators, *[None] * more] if stated.demonstrators else ()
-        stated = replace(stated, answers=answers, demonstrators=names, taken_over=())  # of two files none states these
+    """The audit of demonstrations that are judged together, and their fit."""
     is_named = any(name is not None for name in stated.demonstrators)
     task = Task.of(demonstrations, stated.answers, stated.demonstrators if is_named else None)
     if stated.taken_over:
         task = replace(task, taken_over=np.concatenate(stated.taken_over))
     result = fit_task(task, options, keeps_policy)
-    audit = result.audit if stated.reference is None else first_of(result.audit, ids)
+    audit, n = result.audit, len(demonstrations)
     if stated.reference is None and n < MIN_DEMONSTRATIONS:
         few = f"{n} demonstrations are too few to judge them well: give {MIN_DEMONSTRATIONS} or more."
         audit = replace(audit, notes=(few, *audit.notes))
-    if not keeps_policy and audit.anchor == "answers":  # a mean of 1 over those that are not of the reference
-        audit = replace(audit, step_weight=audit.step_weight / audit.step_weight.mean())
     return audit, (task, result)
+
+
+def check_labels(answers: Answers, learns: bool, source: str) -> None:
+    """A `DataError` where somebody `learns`, and nobody may be good."""
+    if learns and (answers.labels < 0).all():
+        raise DataError(f"{source}: all demonstrations are labelled bad; leave one that may be good.")
 
 
 def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitResult:
     """Decide which demonstrations of a task to trust, and fit the final policy if it is kept; the audit says how."""
     options.check(task)
-    if keeps_policy and (task.answers.labels < 0).all():
-        raise DataError(f"{task.source.source}: all demonstrations are labelled bad; leave one that may be good.")
+    check_labels(task.answers, keeps_policy, task.source.source)
     fit, sample = fit_full, options.settings.sample
     least = sample.min_samples * sample.min_steps  # of data of which a sample is less, however few its coefficients
     may_sample = options.judges and options.policy is None and task.source.offsets[-1] > least
@@ -302,7 +341,10 @@ def audit_recording(
     command: str,
     files: Iterable[StrPath | None],
 ) -> Audit:
-    """The audit of a recording, within tasks and sessions; its `path`, `command` and other `files` say of what."""
+    """The audit of a recording, judged within tasks and sessions.
+
+    The `path` of the recording, where it has one, the `command` and other `files` say where the audit comes from.
+    """
     audit, _ = fit_within_tasks(recording, stated, options, keeps_policy=False)
     made = provenance_of(command, options.random_state, changed_settings(options.settings, Settings()), (path, *files))
     return replace(audit, provenance=made)

@@ -7,7 +7,8 @@ difference" such a row both ways (Davidson 1970). Demonstrators are columns, too
 them out.
 
 Answers act as far as they predict each other: each is predicted by the others, and the log-odds are multiplied by how
-much more often than not they are right. docs/model.md has the formulas.
+much more often than not they are right. Where demonstrations are of several tasks, answers of one are evidence about
+another: each task has weights of its own beside those that all share. docs/model.md has the formulas.
 """
 
 from __future__ import annotations
@@ -20,13 +21,17 @@ from scipy.special import expit, log_expit, logit
 
 from rpil.data.fit_data import Demonstrators
 from rpil.inference.answers import Answers
+from rpil.inference.channels import CHANNELS
 from rpil.inference.settings import AnswerSettings
 from rpil.inference.witnesses import Witnesses, is_contrast, regression, weigh
+from rpil.numerics.regression import mean_ranks
 from rpil.numerics.types import Array, Bool, Float, Int
 
 NOBODY = Demonstrators()
 MOST_INDICATORS = 30
 """Demonstrators with a column of their own at most, those with most answers: the time of a fit grows with the cube."""
+MOST_TASKS = 8
+"""Tasks with weights of their own at most, those with most answers; all others share such weights."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +58,20 @@ def answer(
     settings: AnswerSettings,
     copy_of: Int[Array, " M"],
     who: Demonstrators = NOBODY,
+    task_of: Int[Array, " M"] | None = None,
 ) -> Answered:
-    """P(good) of every demonstration, by its `columns` and by `who` gave it; `copy_of` is the first of its copies.
+    """P(good) of every demonstration, by its `columns` and by `who` gave it; `copy_of` is the first of its copies, and
+    `task_of` the number of its task, or -1 for one that nobody judged.
 
     Each has the verdict of its label, or is bad if it `failed`; labels that other answers contradict are named. Others
     have a verdict once answers contrast and predict each other. Copies are judged as one, by what is known of any.
     """
     _, first, place = np.unique(copy_of, return_index=True, return_inverse=True)
     once, columns = answers.once(copy_of), columns[first]
+    task = np.zeros(len(first), dtype=np.int64) if task_of is None else task_of[first]
+    if task_of is not None:
+        once = replace(once, outcomes=ranked_in_tasks(once.outcomes, task))
+        columns = with_tasks(columns, once, task)
     if who.informative:
         named = np.argsort([who.names[u] is None for u in who.index], kind="stable")  # of copies the first with a name
         index = who.index[named[np.unique(place[named], return_index=True)[1]]]
@@ -74,9 +85,13 @@ def answer(
     answered, right = predicted(rows, evidence, total, n_pairs, len(once.tied), settings)
     told = slice(len(answered) - 2 * len(once.tied))  # no difference is as right both ways
     trust = max(agreement(evidence[answered][told], right[told], len(once.pairs)), settings.min_trust)
+    in_task: float | Array = trust
+    if task_of is not None:
+        of_rows = np.concatenate([task, task[once.pairs[:, 0]], task[once.tied.T.ravel()]])
+        in_task = trust_in_tasks(trust, of_rows[answered][told], right[told], task, settings.min_trust)
     both = is_contrast(evidence, n_pairs)
     by_columns = regression(rows, total, n_pairs, settings, slice(len(first)))
-    log_odds = (settings.sharpness * trust if both else 1.0) * by_columns + by_witnesses
+    log_odds = (settings.sharpness * in_task if both else 1.0) * by_columns + by_witnesses
     follows = once.contrast and (trust > settings.min_trust if both else any(witnesses.heard))
     limit = logit(settings.min_proba) if follows else np.inf
     verdicts = (log_odds >= limit).astype(int) - (log_odds <= -limit)
@@ -105,6 +120,40 @@ def with_demonstrators(
     most = np.argsort(-counts, kind="stable")[:MOST_INDICATORS]
     indicators = index[:, None] == np.sort(most[counts[most] > 1])
     return np.column_stack([columns[:, :-1], scale * others, scale * indicators, columns[:, -1]])
+
+
+def with_tasks(columns: Float[Array, "M C"], answers: Answers, task: Int[Array, " M"]) -> Float[Array, "M D"]:
+    """The channels, which all tasks share; all columns of each task with answers, which are 0 elsewhere, of
+    `MOST_TASKS` at most, and of all others together; and the group of scores."""
+    answered = np.unique(np.concatenate([np.flatnonzero(answers.labels), answers.compared.ravel()]))
+    counts = np.bincount(task[answered] + 1, minlength=task.max() + 2)  # from task -1 on
+    most = np.argsort(-counts, kind="stable")[:MOST_TASKS]
+    most = most[counts[most] > 0]
+    block_of = np.full(len(counts), len(most))
+    block_of[most] = np.arange(len(most))
+    blocks = [columns * (block_of[task + 1] == k)[:, None] for k in range(len(most) + 1)]
+    return np.column_stack([columns[:, : len(CHANNELS)], *blocks, columns[:, -1]])
+
+
+def ranked_in_tasks(outcomes: Float[Array, "M W"], task: Int[Array, " M"]) -> Float[Array, "M W"]:
+    """The outcomes; those of more than two values are ranks within each task, because tasks differ in length, and say
+    nothing where all of a task are alike."""
+    ranked = outcomes.copy()
+    for values in ranked.T:
+        known = np.isfinite(values)
+        for number in np.unique(task[known]) if len(np.unique(values[known])) > 2 else ():
+            own = np.flatnonzero(known & (task == number))
+            values[own] = (mean_ranks(values[own]) - 0.5) / len(own) if np.ptp(values[own]) else np.nan
+    return ranked
+
+
+def trust_in_tasks(
+    trust: float, of_answer: Int[Array, " A"], right: Float[Array, " A"], task: Int[Array, " M"], least: float
+) -> Float[Array, " M"]:
+    """The trust in the answers about the task of each demonstration: the mean of that in each, and of the `trust` in
+    answers of all tasks, as if that were one of them. 0 in the task -1."""
+    total, n = (np.bincount(of_answer + 1, weights, task.max() + 2) for weights in (2 * right - 1, None))
+    return np.asarray(np.where(task < 0, 0.0, np.maximum((total + trust) / (n + 1), least)[task + 1]))
 
 
 def predicted(

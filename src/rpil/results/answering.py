@@ -43,9 +43,6 @@ A = TypeVar("A", bound=Judged)
 
 def with_answers(audit: A, known: Answers) -> A:
     """The audit with all answers that are `known`; see `Audit.answered`."""
-    if not known.count and audit.anchor == "answers":
-        way = "take the audit before answered(), or call rpil.audit without any"
-        raise DataError(f"No answer would be left; {way}.")
     if not audit.columns.size:
         raise DataError("This audit keeps nothing to learn from answers; give the labels to fit().")
     check_copied_labels(known, audit.copy_of, audit.ids)
@@ -58,7 +55,7 @@ def with_answers(audit: A, known: Answers) -> A:
         return replace(audit, step_weight=weights_of(audit))
     named = {name: one.name for one in audit.demonstrators for name in one.demonstrations}
     who = Demonstrators.from_names([named.get(name) for name in audit.ids]) if named else Demonstrators()
-    found = answer(audit.columns, known, audit.settings.judge.answers, audit.copy_of, who)
+    found = answer(audit.columns, known, audit.settings.judge.answers, audit.copy_of, who, audit.task_of)
     known, log_odds, verdicts = replace(known, heard=found.witnesses.heard), found.log_odds, found.verdicts
     is_decided = known.once(audit.copy_of).contrast  # until then those that were outliers without answers stay so
     stays = np.where(verdicts == 0, audit.claimed, 0) * (not is_decided)

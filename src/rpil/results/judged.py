@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -187,7 +187,7 @@ class Judged:
     own_reasons: tuple[str, ...] = field(default=(), metadata=TEXT | {"nothing": ALONE})
     rejected_by: tuple[str, ...] = field(default=(), metadata=TEXT)
     within: str = ""
-    by_task: Callable[[Any, Answers], Any] | None = None
+    task_of: Int[Array, " M"] | None = None
     fps: float | None = None
     provenance: Mapping[str, Any] | None = None
 

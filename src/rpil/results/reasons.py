@@ -22,7 +22,7 @@ from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
 from rpil.numerics.regression import mean_ranks
 from rpil.numerics.types import Array, Float, Int
-from rpil.results.judged import Judged
+from rpil.results.judged import ALONE, Judged
 from rpil.results.vocabulary import WORSE
 
 MIN_STRETCH = 5.0
@@ -125,6 +125,8 @@ def _by_scores(audit: Judged, m: int, rank: int, group: str) -> str:
     `rank` others."""
     vocabulary, log_odds = audit.vocabulary, float(audit.log_odds[m])
     verdict, finding = audit.verdicts[m], audit.finding
+    if audit.task_of is not None and audit.task_of[m] < 0:
+        return ALONE.rstrip(".")
     if finding in ("a group apart", "two groups"):
         return f"Acts as group {group} does; only an answer can tell which is good" if group else "In neither group"
     if finding == "nothing could be learned":

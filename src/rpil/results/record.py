@@ -101,8 +101,8 @@ class Audit(AuditResult):
         Steps a second, if they are known: then sentences name seconds.
     within : str
         "tasks", "sessions" or both, if each of these was judged by itself; else empty.
-    by_task : callable or None
-        Learns from answers within each task (`rpil.results.tasks`); None if the demonstrations were judged together.
+    task_of : (M,) int array or None
+        The number of the task or session of each demonstration, if several were judged; -1 if it was not judged.
     provenance : mapping or None
         How `rpil.audit` or a command made the audit, before any answers through `answered`.
     """

@@ -11,12 +11,13 @@ from copy import deepcopy
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Self, cast
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from scipy.special import expit
 
 from rpil.data.copies import run_id
+from rpil.data.errors import DataError
 from rpil.data.text import MAX_IDS, counted, listed
 from rpil.inference.findings import FINDINGS
 from rpil.numerics.types import Array, Float, Int
@@ -122,7 +123,10 @@ class AuditResult(Judged):
             If an id or a label is unknown, answers contradict each other, or none is left.
         """
         known = answering.merged(replace(self, answers=self.answers.unsaid) if instead else self, labels or {}, pairs)
-        return cast(Self, (self.by_task or answering.with_answers)(self, known))
+        if not known.count and self.anchor == "answers":
+            way = "take the audit before answered(), or call rpil.audit without any"
+            raise DataError(f"No answer would be left; {way}.")
+        return answering.with_answers(self, known)
 
     @property
     def assumptions(self) -> tuple[str, ...]:

@@ -80,9 +80,9 @@ def of_demonstrations(audit: Judged) -> Float[Array, " M"]:
         acts = audit.anchor == "answers" and once.contrast
         return proba / np.average(proba, weights=audit.lengths) if acts else np.ones(len(proba))
     said, verdicts = audit.answers.shared(audit.copy_of).said(audit.log_odds), np.array(audit.verdicts)
-    side, known, (better, worse) = 0, audit.answers, audit.answers.pairs.T
+    side, known, (better, worse) = 0, audit.answers, audit.answers.pairs.T  # each task has parts of its own
     good, bad = np.append(np.flatnonzero(known.labels > 0), better), np.append(np.flatnonzero(known.labels < 0), worse)
-    if len(good) and len(bad) and once.contrast:
+    if not audit.within and len(good) and len(bad) and once.contrast:
         # 1 where labels and pairs call the part good that the learner trusts without them, -1 where the other one.
         votes = {*np.sign(audit.part[good]).tolist(), *np.sign(-audit.part[bad]).tolist()}
         side = int(votes.pop()) if len(votes) == 1 else 0

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.special import expit, logit
 
 from rpil.data.text import listed
 from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS
 from rpil.inference.findings import FINDINGS
-from rpil.numerics.types import Array
-from rpil.results.answering import with_answers
-from rpil.results.judged import AuditSettings, Interval, failures, table_fields
+from rpil.numerics.types import Array, Float
+from rpil.results.judged import AuditSettings, Interval, table_fields
 from rpil.results.record import Audit
-from rpil.results.step_weights import without_bad_rows
 
 
 def first_of(audit: Audit, ids: Sequence[Hashable]) -> Audit:
@@ -59,16 +54,27 @@ def join_audits(
     offsets: Array,
     answers: Answers,
     what: str = "tasks",
-    for_learner: bool = False,
+    settings: AuditSettings = AuditSettings(),
 ) -> Audit:
-    """One audit of the M demonstrations `ids`, from those of their tasks, or `what` the groups are: the numbers of each
-    are in `places`. A single one has no audit: it stays open, or has the verdict of its label or flag, and where that
-    is `for_learner` the weights. Of the `answers` about all, pairs of different tasks are left out."""
-    # The components among the columns have another meaning in each task.
-    parts = [
-        replace(audit, own_reasons=audit.reasons, columns=np.delete(audit.columns, slice(len(CHANNELS), -1), axis=1))
-        for audit in audits.values()
-    ]
+    """One audit of the M demonstrations `ids`, from those of their tasks, or `what` the groups are.
+
+    Parameters
+    ----------
+    audits : mapping of task to Audit
+        A task with a single demonstration has none: it stays open.
+    places : mapping of task to sequence of int
+        The numbers of the demonstrations of each task, in the order of its audit.
+    offsets : (M + 1,) int array
+        The first steps of the demonstrations.
+    answers : Answers
+        Those that are known in all audits.
+    what : str
+        The name of the groups, such as "tasks".
+    settings : AuditSettings
+        By which the audits were made.
+    """
+    width = max((audit.columns.shape[1] for audit in audits.values()), default=0)  # by the components of each task
+    parts = [replace(one, own_reasons=one.reasons, columns=widened(one.columns, width)) for one in audits.values()]
     kind = type(parts[0]) if parts else Audit
     rows = [np.asarray(places[task], dtype=np.int64) for task in audits]
     steps = [np.concatenate([np.arange(offsets[m], offsets[m + 1]) for m in own]) for own in rows]
@@ -78,14 +84,13 @@ def join_audits(
         for name, axis, nothing in table_fields(kind)
         if name != "order"  # which has another meaning in each task
     }
-    if not parts:
-        columns["columns"] = np.empty((len(ids), 0))
+    nobody = {} if parts else {"columns": np.zeros((len(ids), len(CHANNELS) + 1))}
     copies = [own[part.copy_of] for part, own in zip(parts, rows, strict=True)]
     shares = [(audit.prior.mean, audit.prior.low, audit.prior.high) for audit in parts] or [(0.5, 0.0, 1.0)]
     finding = min((audit.finding for audit in parts), key=[*FINDINGS].index, default=[*FINDINGS][-1])
     opposed = next((audit for audit in parts if not audit.identifiable and audit.finding == finding), None)
-    joined = kind(
-        **columns,
+    return kind(
+        **columns | nobody,
         ids=tuple(ids),
         offsets=offsets,
         finding=finding,
@@ -96,49 +101,24 @@ def join_audits(
         pair=next((audit.pair for audit in parts if audit.pair), ()),
         method=(_sentence(audits, places, what), *dict.fromkeys(one for audit in parts for one in audit.method)),
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
-        answers=_within(answers, {task: audit.answers for task, audit in audits.items()}, places),
+        answers=answers,
         contradicting=tuple(name for audit in parts for name in audit.contradicting),
         doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
         notes=_joined_notes(audits),
         copy_of=np.asarray(_joined(copies, len(ids), rows, np.arange(len(ids)))),
         # Each verdict is that of its task; where tasks differ, the probability is what it is without an anchor.
         anchor=parts[0].anchor if len({audit.anchor for audit in parts}) == 1 else "none",
-        settings=parts[0].settings if parts else AuditSettings(weighs_for_learner=for_learner),
+        settings=settings,
         within=what,
-        by_task=partial(_in_tasks, audits, places),
+        task_of=np.asarray(_joined([np.full(len(own), k) for k, own in enumerate(rows)], len(ids), rows, -1)),
+        fps=parts[0].fps if parts else None,
     )
-    alone = [m for task in places.keys() - audits.keys() for m in places[task]]
-    return _with_labels_alone(joined, alone, for_learner)
 
 
-def with_facts(audit: Audit, stated: Answers, source: str = "the labels", **known: Any) -> Audit:
-    """The audit with fields that are `known`, and with what is `stated` of it; messages name the `source` of that."""
-    if n := len(stated.compared) - len(audit.answers.compared):
-        pairs, are = (f"{n} pairs compare", "are") if n > 1 else ("1 pair compares", "is")
-        of_two = f"{pairs} demonstrations of different {audit.within}, and {are} left out."
-        warnings.warn(f"{source}: {of_two}", stacklevel=1)
-    if audit.within and not audit.settings.weighs_for_learner and audit.anchor != "named adversary" and stated.contrast:
-        is_bad = np.repeat(failures(audit) | (stated.labels < 0), audit.lengths)  # also where nobody is good
-        weight = np.where(is_bad, np.repeat(audit.expert_proba, audit.lengths), audit.step_weight)
-        audit = replace(audit, step_weight=weight / weight.mean())
-    if audit.taken_over is not None:
-        n = int((np.maximum.reduceat(audit.taken_over, audit.offsets[:-1]) > 0).sum())
-        told = f"A person took over in {n:,} of {len(audit.ids):,}: these steps weigh more, those just before less."
-        audit = replace(audit, notes=(*audit.notes, told))
-    audit = replace(audit, answers=replace(audit.answers, marks=stated.marks))
-    return replace(audit, **known, step_weight=without_bad_rows(audit, audit.step_weight))
-
-
-def _in_tasks(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], joined: Audit, known: Answers) -> Audit:
-    """The audit that was `joined` of several, with all answers that are `known`: each speaks of its own task alone."""
-    answered = dict[str, Audit]()
-    for task, own in audits.items():
-        some = known.select(places[task])  # but for outcomes, which stay those of the task
-        some = replace(some, outcomes=own.answers.outcomes, names=own.answers.names, flag=own.answers.flag)
-        answered[task] = with_answers(own, some)
-    about, of_learner = (joined.ids, joined.offsets, known, joined.within), joined.settings.weighs_for_learner
-    kept = {name: getattr(joined, name) for name in ("sessions", "order", "fps", "provenance")}
-    return with_facts(join_audits(answered, places, *about, of_learner), known, **kept)
+def widened(columns: Float[Array, "M C"], width: int) -> Float[Array, "M D"]:
+    """The columns, with columns of 0 before the last one; the same where an audit keeps none."""
+    n = columns.shape[1]
+    return np.insert(columns, [n - 1] * (width - n), 0.0, axis=1) if n else columns
 
 
 def _joined(columns: Sequence[Any], size: int, numbers: Sequence[Array], nothing: Any) -> Any:
@@ -152,44 +132,6 @@ def _joined(columns: Sequence[Any], size: int, numbers: Sequence[Array], nothing
         if len(column):  # a task may know no texts
             joined[places] = column
     return joined if not is_text else tuple(joined) if any(joined) else ()
-
-
-def _within(answers: Answers, of_tasks: Mapping[str, Answers], places: Mapping[str, Sequence[int]]) -> Answers:
-    """The answers without pairs of different tasks, and without outcomes where they are alike in all of a task; and how
-    far each outcome is heard, as in the task where it is heard most."""
-    group, outcomes = np.zeros(len(answers.labels), dtype=np.int64), answers.outcomes.copy()
-    for k, (task, rows) in enumerate(places.items()):
-        group[list(rows)] = k
-        names = of_tasks[task].names if task in of_tasks else answers.names
-        outcomes[np.ix_(rows, [name not in names for name in answers.names])] = np.nan
-    pairs, tied = (both[group[both[:, 0]] == group[both[:, 1]]] for both in (answers.pairs, answers.tied))
-    told = [(name, sign) for own in of_tasks.values() for name, sign in zip(own.names, own.heard or (), strict=False)]
-    heard = tuple(max((sign for name, sign in told if name == own), key=abs, default=1) for own in answers.names)
-    return replace(answers, pairs=pairs, tied=tied, outcomes=outcomes, heard=heard if told else None)
-
-
-def _with_labels_alone(audit: Audit, alone: Sequence[int], for_learner: bool) -> Audit:
-    """The audit where the demonstrations numbered `alone`, which were not judged, have the verdicts of their labels or
-    flags, and for the learner the weights."""
-    known, signs = audit.answers, np.zeros(len(audit.ids), dtype=np.int64)
-    signs[alone] = [known.select([m]).said(np.zeros(1))[0] for m in alone]
-    verdicts, reasons, rules = [*audit.verdicts], [*audit.reasons], [*(audit.rejected_by or ("",) * len(signs))]
-    for m in np.flatnonzero(signs):
-        verdicts[m] = "good" if signs[m] > 0 else "bad"
-        reasons[m] = f"Labelled {verdicts[m]}." if known.labels[m] else f"{known.failure}."
-        rules[m] = "" if signs[m] > 0 else "labels" if known.labels[m] else "outcome"
-    log_odds = np.where(signs, signs * logit(1 - audit.settings.judge.answers.min_proba_bound), audit.log_odds)
-    proba, of_steps = np.where(signs, expit(log_odds), audit.expert_proba), np.repeat(signs != 0, audit.lengths)
-    return replace(
-        audit,
-        log_odds=log_odds,
-        from_label=np.where(signs, log_odds, audit.from_label),
-        expert_proba=proba,
-        verdicts=tuple(verdicts),
-        step_weight=np.where(for_learner & of_steps, np.repeat(proba, audit.lengths), audit.step_weight),
-        own_reasons=tuple(reasons),
-        rejected_by=tuple(rules),
-    )
 
 
 def _joined_notes(audits: Mapping[str, Audit]) -> tuple[str, ...]:
