@@ -75,6 +75,7 @@ def test_an_audit_is_25_lines_of_80_columns_and_with_all_rows_nothing_is_left_ou
     rows = [line for line in lines if re.match(r"\S+ +(outlier|open|good|bad|\d+) +[-+]\d", line)]
     assert len(rows) >= 2
     assert len(rows) <= MAX_ROWS
+    assert all(" spike" in row for row in rows[:2]), "why these come first"
     text = "\n".join(lines)
     assert (question(audit) is None) == ("Which is better" not in text)
     assert "9 recordings are odd, most of all " in text
@@ -106,7 +107,7 @@ def test_a_long_reason_is_cut_and_one_fault_is_a_sentence():
 
 
 def test_a_score_that_rounds_to_zero_has_no_sign_of_a_minus(capsys):
-    print_audit(dataclasses.replace(KINDS["nobody"], log_odds=np.full(40, -1e-9)))
+    print_audit(dataclasses.replace(KINDS["nobody"], log_odds=np.full(40, -1e-9)), (), faults([]), ())
     assert "-0.000" not in capsys.readouterr().out
 
 
@@ -122,7 +123,7 @@ def test_a_terminal_gets_colours_and_a_pipe_none(monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")
     assert "\x1b" not in "\n".join(printed(KINDS["outliers"], capsys))
     stream = at_terminal(monkeypatch, "80")
-    print_audit(make_audit())
+    print_audit(make_audit(), (), faults([]), ())
     assert "\x1b[31moutlier" in stream.getvalue()
 
 
@@ -131,7 +132,7 @@ def test_a_terminal_gets_colours_and_a_pipe_none(monkeypatch, capsys):
 def test_no_line_of_the_table_is_wider_than_the_terminal(monkeypatch, columns, letter):
     stream = at_terminal(monkeypatch, str(columns))
     ids = [f"a{m}_{letter * 90}_{m}" for m in range(40)]
-    print_audit(dataclasses.replace(KINDS["outliers"], ids=tuple(ids)))
+    print_audit(dataclasses.replace(KINDS["outliers"], ids=tuple(ids)), (), faults([]), ())
     lines = click.unstyle(stream.getvalue()).splitlines()
     rows = [line for line in lines if re.search(r"_\d+ +(outlier|open)", line)]
     assert len(rows) == 5
@@ -141,7 +142,7 @@ def test_no_line_of_the_table_is_wider_than_the_terminal(monkeypatch, columns, l
 
 def test_doubts_and_contradicting_labels_are_results(capsys):
     changes = {"doubts": ("One part says most.",), "contradicting": (3,), "competing": ((0, 1), (2, 3))}
-    print_audit(make_audit(("open",) * 10, finding="two groups", **changes))
+    print_audit(make_audit(("open",) * 10, finding="two groups", **changes), (), faults([]), ())
     lines = capsys.readouterr().out.splitlines()
     assert lines[3] == "Doubt: One part says most."
     assert lines[-3] == "Look again: the labels of 3 contradict the other answers."

@@ -146,11 +146,11 @@ def fault(rule, column="x", first=5, last=6, value=1.0, threshold=2.0):
 @pytest.mark.parametrize(
     ("cause", "follows"),
     [
-        (fault("length", value=300), True),  # what is too long holds more
-        (fault("length", value=1), False),
+        (fault("length", value=1), False), (fault("length", value=300), True),  # what is too long holds more
         (fault("frozen sensor", first=6), True),  # it freezes there
         (fault("frozen sensor", first=1, last=5), True),  # or moves on
         (fault("frozen sensor", first=5, last=6), False), (fault("frozen sensor", "y", first=6), False),
+        (replace(fault("frozen sensor", "y", first=6), sentence="y stays; the same in 5 more columns"), True),
     ],
 )  # fmt: skip
 def test_a_jump_follows_from_what_begins_or_ends_there(cause, follows):

@@ -28,6 +28,7 @@ def clock(drop=(), data=FIVE, rate=50):
     [
         ("dropped frames", 3, "about 3 frames missing: 80 ms pass before 0.60 s (usual: 20 ms)", 6),
         ("repeated frames", -0.75, "1 frame too soon: 5 ms pass before 0.60 s (usual: 20 ms)", 1.5),
+        ("repeated frames", -3, "time goes back by 0.04 s before 0.60 s (usual: +20 ms)", 6),
         ("dropped frames", np.nan, "the time is missing before 0.60 s (usual: 20 ms)", 2000),
     ],
 )

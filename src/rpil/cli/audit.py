@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -122,19 +122,15 @@ SIDE_COLOURS = {"upper": "green", "open": "yellow", "lower": "red"}
 
 
 def print_audit(
-    audit: Audit,
-    head: Sequence[str] = (),
-    faults: FaultReport | None = None,
-    closing: Sequence[str] = (),
-    all_rows: bool = False,
+    audit: Audit, head: Sequence[str], faults: FaultReport, closing: Sequence[str], all_rows: bool = False
 ) -> None:
     """Print what to look at first, the lines of the `head`, the finding, recording `faults`, the table of those to look
     at, notes, and the lines of the `closing`."""
     from rpil.results.result import first_sentence, look_first, verdict_sentence
 
-    width, odd = line_width(), [] if faults is None else odd_lines(faults)
-    faulty = () if faults is None else faults.odd
-    above = [*fit(first_sentence(audit, faulty), width, 2), *head, *finding_lines(audit), *odd, ""]
+    width, faulty = line_width(), faults.odd
+    rules: dict[Hashable, str] = {found.id: found.rule for found in reversed(faults.lines)}  # the worst of each
+    above = [*fit(first_sentence(audit, faulty), width, 2), *head, *finding_lines(audit), *odd_lines(faults), ""]
     counts = fit(f"{verdict_sentence(audit)}{'' if all_rows else ' All: --all.'}", width)
     notes = [*_notes(audit, all_rows, width)]
     room = MAX_LINES - len([*above, *counts, *closing]) - 1
@@ -144,7 +140,8 @@ def print_audit(
     if all_rows or not shown:
         shown = audit.ranking()[::-1].tolist()[: None if all_rows else MIN_ROWS]
     print_lines(above)
-    for line in table_lines(_columns(audit, shown, all_rows), None if all_rows and not sys.stdout.isatty() else width):
+    columns = _columns(audit, shown, all_rows, [rules.get(audit.ids[m], "") for m in shown])
+    for line in table_lines(columns, None if all_rows and not sys.stdout.isatty() else width):
         click.echo(line)
     print_lines(below)
 
@@ -181,9 +178,9 @@ def odd_lines(report: FaultReport) -> list[str]:
     return [*fit(f"{odd}{which}: {worst.sentence}.", line_width(), 2), "  All: rpil check."]
 
 
-def _columns(audit: Audit, shown: Sequence[int], all_rows: bool) -> dict[str, list[str]]:
-    """The verdict, or else the place, the score, where to look and why, without what is the same of all; or the whole
-    reason where `all_rows` are printed."""
+def _columns(audit: Audit, shown: Sequence[int], all_rows: bool, odd: list[str]) -> dict[str, list[str]]:
+    """The verdict, or else the place, the score, what is `odd` in the recording, where to look and why, without what is
+    the same of all; or the whole reason where `all_rows` are printed."""
     from rpil.results.reasons import at_a_glance
 
     digits, words = 1 + 2 * (abs(audit.log_odds).max() < 1), audit.verdicts
@@ -198,7 +195,7 @@ def _columns(audit: Audit, shown: Sequence[int], all_rows: bool) -> dict[str, li
     else:
         glances = zip(*(at_a_glance(audit, audit.reasons[m], m) for m in shown), strict=True)
         more = dict(zip(("where", "why"), map(list, glances), strict=True))
-    return columns | {name: own for name, own in more.items() if len({*own}) > 1}
+    return columns | ({"fault": odd} if any(odd) else {}) | {name: own for name, own in more.items() if len({*own}) > 1}
 
 
 def _notes(audit: Audit, all_rows: bool, width: int) -> Iterator[str]:

@@ -138,10 +138,10 @@ def _check_steps(
     findings = [*missing, *recorded.FrameCount.find(times, demonstrations), *of_times]
     if not times.frames:
         why[recorded.FrameCount.name] = "the recording does not say how many frames there should be"
-    if times.timestamps is None:
-        why |= dict.fromkeys(recorded.BY_CLOCK, "the recording has no timestamps")
-    elif not seconds:
-        why |= dict.fromkeys(recorded.BY_CLOCK, "the timestamps are coarser than the frames; give fps, or --fps")
+    if times.timestamps is None or not seconds:
+        coarse = "the timestamps are coarser than the frames; give fps, or --fps"
+        no_clock = "the recording has no timestamps" if times.timestamps is None else coarse
+        why |= dict.fromkeys((recorded.DroppedFrames.name, recorded.FrameRate.name), no_clock)
     unknown, usual = dict[str, tuple[str, ...]](), dict[str, str]()
     idle_ends = dict[Id, tuple[int, int]]()
     if not kept.any() or (missing and not skip_bad):

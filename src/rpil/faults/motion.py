@@ -10,7 +10,7 @@ import numpy as np
 from rpil.data.text import counted
 from rpil.faults import settings
 from rpil.faults.measured_columns import MovingBlock, part_means
-from rpil.faults.rule import Compared, ComparingRule, Fault, Learned, above
+from rpil.faults.rule import ALSO, Compared, ComparingRule, Fault, Learned, above
 from rpil.faults.still import largest, next_largest
 from rpil.faults.tracking import misfits, parts_of, relation
 from rpil.numerics.types import Array
@@ -105,10 +105,10 @@ class Jump(Leap):
 
     @classmethod
     def follows(cls, fault: Fault, cause: Fault) -> bool:
-        """At the ends of frozen and saturated stretches."""
+        """At the ends of frozen and saturated stretches; of several columns a finding names the worst alone."""
         if cause.rule in ("length", "two episodes", "two units"):
             return super().follows(fault, cause)
-        return fault.column == cause.column and fault.last in (cause.first, cause.last + 1)
+        return (fault.column == cause.column or ALSO in cause.sentence) and fault.last in (cause.first, cause.last + 1)
 
 
 class RepeatedFrames(ComparingRule):

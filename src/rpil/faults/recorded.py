@@ -12,7 +12,7 @@ import numpy as np
 
 from rpil.data.arrays import Id
 from rpil.data.demonstrations import BLOCK_STEPS, Block, DemonstrationSet, shard_bounds
-from rpil.data.text import counted, listed, moment
+from rpil.data.text import counted, duration, listed, moment
 from rpil.faults import settings
 from rpil.faults.measured_columns import all_values
 from rpil.faults.motion import RepeatedFrames
@@ -67,10 +67,6 @@ class DroppedFrames(Rule):
 
 class FrameRate(Rule):
     name, words = "frame rate", "its frames come at another rate"
-
-
-BY_CLOCK = DroppedFrames.name, FrameRate.name
-"""Rules that need timestamps."""
 
 
 def recorded_time(times: Times, demonstrations: DemonstrationSet) -> float | None:
@@ -128,8 +124,11 @@ def _wrong(rule: str, frames: Array, limit: float, ids: Sequence[Id], begins: Ar
         what = f"about {lost} missing" if rule == DroppedFrames.name else f"{counted(len(wrong), 'frame')} too soon"
         time, severity = 1e3 * usual * float(frames[worst]), float(np.nan_to_num(off[worst], nan=1e3)) / limit
         passed = f"{what}: {time:.4g} ms pass" if time < 1e4 else f"{what}: {time:,.0f} ms pass"
+        if n_back := int((frames[wrong] < 0).sum()):
+            far = duration(float(-frames[worst]), usual) if time < -10 else f"{-time:.2g} ms"
+            passed = f"time goes back{f' {n_back} times, most' * (n_back > 1)} by {far}"
         said = "the time is missing" if np.isnan(time) else passed
-        sentence = f"{said} before {moment(step, usual)} (usual: {1e3 * usual:.4g} ms)"
+        sentence = f"{said} before {moment(step, usual)} (usual: {'+' * (time < 0)}{1e3 * usual:.4g} ms)"
         yield Fault(rule, ids[m], step - 1, step, "", time, 1e3 * usual * threshold, severity, sentence)
 
 

@@ -78,6 +78,7 @@ class Fault:
 Grouping = Mapping[str, Mapping[str, str]]
 """The task, and the operator, of each demonstration, by its id as text."""
 
+ALSO = "; the same in "  # begins what a sentence on one column says of others
 MAX_NAMED = 60  # demonstrations, in a finding about several
 
 
@@ -256,7 +257,7 @@ class ComparingRule(Rule):
         for m in np.flatnonzero((severity > 1.0).any(axis=1)).tolist():
             c = int(np.argmax(severity[m]))
             more = sum(bool(name) for k, name in enumerate(self.names) if k != c and severity[m, k] > 1.0)
-            also = f"; the same in {counted(more, 'more column')}" if more else ""
+            also = f"{ALSO}{counted(more, 'more column')}" if more else ""
             value, threshold, worst = (float(of_each[m, c]) for of_each in (self.value, self.threshold, severity))
             place = self.data.ids[m], int(self.first[m, c]), int(self.last[m, c]), self.names[c]
             fault = Fault(self.name, *place, value, threshold, worst, sentence="")

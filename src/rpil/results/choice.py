@@ -246,10 +246,15 @@ def lost_places(demonstrations: Demonstrations | Dataset, kept: Collection[objec
     ):
         far = _far([own / scale for own in states], of_kept) & ~known
         known |= far
-        reached, who = np.concatenate([*compress(visited, is_kept)]), defaultdict[str, list[object]](list)
+        ends = np.array([(own.min(axis=0), own.max(axis=0)) for own in visited], dtype=float) * [[1], [-1]]
+        reached, beyond = ends[is_kept].min(axis=0), defaultdict[int, dict[Id, float]](dict)
         for m in members[far].tolist():
-            who[_outside(visited[m], reached, scale, demonstrations.observation_names)].append(demonstrations.ids[m])
-        for where, ids in who.items():
+            gaps = reached - ends[m]
+            place = int((gaps / scale).argmax())
+            beyond[place if gaps.flat[place] > 0 else -1][demonstrations.ids[m]] = gaps.flat[place]
+        for place, gap in beyond.items():
+            where = "" if place < 0 else _bound(place, reached, min(gap.values()), demonstrations.observation_names)
+            ids = [*gap]
             does = f"{verb} {where}; {listed(ids)} do{'es' * (len(ids) == 1)}" if where else f"{near} of {listed(ids)}"
             sentences.append(f"No kept demonstration {does}.")
     return tuple(sentences)
@@ -276,16 +281,11 @@ def _far(states: Sequence[Float[Array, "_ D"]], is_kept: Bool[Array, " C"]) -> B
     return np.asarray(~is_kept & (distance > max(np.exp(limit), TIMES_FARTHER * distance[is_kept].max(), SAME_PLACE)))
 
 
-def _outside(states: Num[Array, "R D"], reached: Num[Array, "K D"], scale: Array, names: Sequence[str]) -> str:
-    """The observation in which states are farthest outside of what was `reached`, with a bound, or nothing; the bound
-    has the digits that tell both apart, and no state that was reached passes it."""
-    (low, high), (least, most) = ((values.min(axis=0), values.max(axis=0)) for values in (reached, states))
-    beyond = np.array([low - least, most - high], dtype=float) / scale
-    side, column = divmod(int(beyond.argmax()), len(names))
-    bound, gap, name = float((low, high)[side][column]), float((beyond * scale)[side, column]), names[column]
-    if gap <= 0:
-        return ""
-    digits = max(0, 2 - math.floor(math.log10(gap)))
-    outwards = (math.floor, math.ceil)[side](bound * 10**digits) / 10**digits
+def _bound(place: int, reached: Float[Array, "2 D"], gap: float, names: Sequence[str]) -> str:
+    """The bound at a `place` in the lowest and, with a minus, the highest values that were `reached`: its digits tell
+    it from what is farther by the `gap`, and no state that was reached passes it."""
+    side, column = divmod(place, len(names))
+    digits, name = max(0, 2 - math.floor(math.log10(gap))), names[column]
+    outwards = (1, -1)[side] * math.floor(reached[side, column] * 10**digits) / 10**digits
     where = f"observation {name}" if name.isdigit() else printable(name)
     return f"{where} {('below', 'above')[side]} {outwards:.{digits}f}"

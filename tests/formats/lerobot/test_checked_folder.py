@@ -115,7 +115,8 @@ FAULTY_TIMES = {
     ),
     "a drift": (lambda m, k, t: np.where(m == 4, t * 1.0005, t), "episode 4", "up to 0.000625 s off"),
     "missing": (lambda m, k, t: np.where((m == 3) & (k == 5), np.nan, t), "episode 3", "a timestamp is no number"),
-    "at rest": (lambda m, k, t: np.where(m == 2, 0.013, t), "episode 2", "times do not rise"),
+    "at rest": (lambda m, k, t: np.where(m == 2, 0.013, t), "episode 2", "time stands still or goes back"),
+    "back": (lambda m, k, t: t + 1.013 * ((m == 1) & (k == 3)), "episode 1", "time stands still or goes back"),
 }
 
 

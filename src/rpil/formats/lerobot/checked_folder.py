@@ -38,7 +38,7 @@ VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.m
 class EpisodeRows(NamedTuple):
     """Rows of an episode: how many, the first ``index`` or -1, the file, and the seconds at which they begin.
 
-    Where these are `off` by more seconds than LeRobot takes, and there are `fps` a second, they begin at 0.
+    Where they are `off` by more seconds than LeRobot takes, at `fps` a second or 0 if time goes back, they begin at 0.
     """
 
     n: int
@@ -88,14 +88,14 @@ class CheckedFolder(MetaFolder):
             first = table["index"][int(own[0])].as_py() if "index" in columns else -1
             timing, frames = (0.0, 0.0, 0.0), np.arange(len(own))
             if fps is not None and all_times is not None:
-                times = all_times[own]
+                times, steps = all_times[own], np.diff(all_times[own])
                 if str(self.info.get("codebase_version")).startswith("v2"):  # which may begin within a video
                     frames = frames + np.rint(times[0] * fps)
-                gaps = times - frames / fps if has_videos else np.diff(times) - 1 / fps
+                gaps = times - frames / fps if has_videos else steps - 1 / fps
                 off = float(np.abs(gaps).max(initial=0.0))
                 timing = float(times[0]), 0.0, 0.0
                 if not off <= NEAR_SECONDS:
-                    timing = 0.0, off, 1.0 / (usual_step(np.diff(times)) or np.inf)
+                    timing = 0.0, off, 0.0 if (steps < 0).any() else 1.0 / (usual_step(steps) or np.inf)
             found[m] = EpisodeRows(len(own), first, place, *timing)
         return found
 
@@ -204,9 +204,9 @@ def _in_times(folder: CheckedFolder) -> Iterator[Defect]:
     """Episodes with times that LeRobot does not find in a video, or of other frames a second."""
     if wrong := {m: rows for m, rows in folder.data.items() if rows.off}:
         fps, off = float(folder.info["fps"]), np.max([rows.off for rows in wrong.values()])
-        why = "a timestamp is no number" if np.isnan(off) else "times do not rise"
-        if not np.isnan(off) and (recorded := np.median([rows.fps for rows in wrong.values()])):
-            why = f"declared are {fps:.3g} frames a second, recorded {recorded:.3g}"
+        why = "a timestamp is no number" if np.isnan(off) else "time stands still or goes back"
+        if not np.isnan(off) and (rates := [rows.fps for rows in wrong.values() if rows.fps]):
+            why = f"declared are {fps:.3g} frames a second, recorded {np.median(rates):.3g}"
             why += f"; timestamps are up to {off:.3g} s off"
         said = f"LeRobot cannot load these rows: {why}"
         if not folder.cameras("video"):

@@ -19,7 +19,7 @@ const makeDetail = (model, place, act) => {
     return [el("tr", {}, el("th", { scope: "row" }, RANK_WORDS[name]), el("td", {}, rank), el("td", {}, `more than in ${percent(values[m])} of all`))];
   });
   const named = (m) => [["Task", d.task[m]], ["Operator", d.demonstrator[m]], ["Session", d.session[m]], ["Group", model.isOpen(m) ? "" : d.group[m]],
-    ["Steps like the rest", model.isOpen(m) ? "" : percent(d.reliability[m])], ["Steps", `${d.n_steps[m].toLocaleString("en")}${view.fps ? `, ${model.seconds(d.n_steps[m])}` : ""}`],
+    ["Explained steps", model.isOpen(m) ? "" : percent(d.reliability[m])], ["Steps", `${d.n_steps[m].toLocaleString("en")}${view.fps ? `, ${model.seconds(d.n_steps[m])}` : ""}`],
     ["Order", d.order.length ? `${d.order[m].toLocaleString("en")} of ${model.size.toLocaleString("en")}` : ""]].filter(([, text]) => text);
 
   const clear = () => {

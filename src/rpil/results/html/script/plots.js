@@ -53,7 +53,7 @@ const stepCharts = (model, m, drawing, place, readout, seek) => {
     [{ values: first.map(() => 0), style: curve(colours.muted, 1) }, { values: unpack(ratio, "mean"), style: curve(colours.ink, 1.7) },
       { values: unpack(ratio, "min"), style: curve(shade(colours.open, 0.4), 0.5) }, { values: unpack(ratio, "max"), style: curve(shade(colours.open, 0.4), 0.5) }],
     shade(colours.open, 0.25), undefined, 130);
-  const likeness = one("How far the steps are like the rest",
+  const likeness = one("How far the rest explain the steps",
     [{ values: unpack(drawing.trust, "mean"), style: { ...curve(colours.upper), fill: shade(colours.upper, 0.15) } }], null, [0, 1], 84);
   return [evidence, likeness];
 };

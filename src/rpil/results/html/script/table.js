@@ -24,7 +24,7 @@ const columnsOf = (model) => {
     opinion("rank", "Place", 76, (m) => d.rank[m].toLocaleString("en"), right),
     opinion("p", view.probability, 100, (m) => (d.p[m] === null ? "" : percent(d.p[m])), right),
     opinion("log_odds", "Score", 78, (m) => number(d.log_odds[m]), right),
-    opinion("reliability", "Steps like the rest", 178, bar, { varies: new Set(d.reliability.map(percent)).size > 1 }),
+    opinion("reliability", "Explained steps", 178, bar, { varies: new Set(d.reliability.map(percent)).size > 1 }),
     { key: "n_steps", title: "Steps", width: 76, right: true, varies: new Set(d.n_steps).size > 1, cell: (m) => d.n_steps[m].toLocaleString("en") },
     opinion("group", "Group", 74, (m) => d.group[m]), text("demonstrator", "Operator", 110), text("session", "Session", 110), text("task", "Task", 150),
     { key: "faults", title: "Odd in the recording", width: 198, varies: model.rules.some((own) => own.length), cell: (m) => model.rules[m].join(", ") },
