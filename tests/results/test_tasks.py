@@ -1,7 +1,5 @@
 """Several tasks: what was found within each comes back at the right place, and single demonstrations stay open."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -21,27 +19,6 @@ def joined(one=None, other=None, what="tasks", answers=None, **more):
     steps = {"verdicts": ("open",) * 2, "lengths": [1, 3]}
     parts = {"one": make_audit(**(steps | (one or {}))), "other": make_audit(**(steps | {"ids": "ab"} | (other or {})))}
     return join_audits(parts, PLACES, IDS, np.array([0, 1, 2, 5, 8, 10]), answers or Answers.none(5), what, **more)
-
-
-@pytest.mark.parametrize(("labels", "n_kept"), [((), 12), ("ub", 11), ("av", 11), ("ab", 8)])
-def test_bad_ones_are_kept_until_the_answers_of_their_own_task_contrast(labels, n_kept):
-    """4 of 12 are bad, all of the first task; the first label calls one good, the second one bad."""
-    words = ("open", "bad", "bad", "bad", "bad", "open")
-    signs = dict(zip(labels, (1, -1), strict=False))
-    parts = [
-        make_audit(own, ids=ids, anchor="answers", labels={m: signs[m] for m in ids if m in signs})
-        for own, ids in ((words, "abcdef"), (("open",) * 6, "uvwxyz"))
-    ]
-    offsets = np.concatenate([[0], np.cumsum(np.concatenate([part.lengths for part in parts]))])
-    places = {"one": [*range(6)], "other": [*range(6, 12)]}
-
-    def joined(*of):
-        known = Answers.of_labels(np.concatenate([part.answers.labels for part in of]))
-        return join_audits(dict(zip(places, of, strict=True)), places, "abcdefuvwxyz", offsets, known)
-
-    assert len(joined(*parts).choice.kept) == n_kept
-    other = replace(parts[1], identifiable=False)
-    assert joined(parts[0], other).choice == joined(*parts).choice, "the groups of one task say nothing of another"
 
 
 def test_what_was_said_before_any_answer_and_columns_stay_with_their_tasks():
@@ -66,8 +43,6 @@ def test_groups_pair_finding_and_anchor_of_all_tasks():
     assert (audit.identifiable, audit.competing, audit.pair) == (True, (), ())
     audit = joined({"finding": "two groups"}, {"finding": "a group apart"})
     assert (audit.finding, audit.anchor) == ("a group apart", "none")
-    assert joined({"anchor": "answers"}, {"anchor": "answers"}).anchor == "answers"
-    assert joined({"anchor": "answers"}, {}).anchor == "none"
 
 
 def test_the_prior_is_the_mean_over_demonstrations_of_tasks_that_are_judged():

@@ -54,7 +54,6 @@ def join_audits(
     offsets: Array,
     answers: Answers,
     what: str = "tasks",
-    settings: AuditSettings = AuditSettings(),
 ) -> Audit:
     """One audit of the M demonstrations `ids`, from those of their tasks, or `what` the groups are.
 
@@ -68,10 +67,6 @@ def join_audits(
         The first steps of the demonstrations.
     answers : Answers
         Those that are known in all audits.
-    what : str
-        The name of the groups, such as "tasks".
-    settings : AuditSettings
-        By which the audits were made.
     """
     width = max((audit.columns.shape[1] for audit in audits.values()), default=0)  # by the components of each task
     parts = [replace(one, own_reasons=one.reasons, columns=widened(one.columns, width)) for one in audits.values()]
@@ -102,13 +97,11 @@ def join_audits(
         method=(_sentence(audits, places, what), *dict.fromkeys(one for audit in parts for one in audit.method)),
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
         answers=answers,
-        contradicting=tuple(name for audit in parts for name in audit.contradicting),
         doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
         notes=_joined_notes(audits),
         copy_of=np.asarray(_joined(copies, len(ids), rows, np.arange(len(ids)))),
-        # Each verdict is that of its task; where tasks differ, the probability is what it is without an anchor.
-        anchor=parts[0].anchor if len({audit.anchor for audit in parts}) == 1 else "none",
-        settings=settings,
+        anchor=parts[0].anchor if parts else "none",
+        settings=parts[0].settings if parts else AuditSettings(),
         within=what,
         task_of=np.asarray(_joined([np.full(len(own), k) for k, own in enumerate(rows)], len(ids), rows, -1)),
         fps=parts[0].fps if parts else None,
