@@ -103,7 +103,8 @@ def test_a_long_reason_is_cut_and_one_fault_is_a_sentence():
     assert one.startswith("1 recording is odd: a: action_steer leaps by")
     assert command == "  All: rpil check."
     of_set = faults(["", "a", "b"]).findings
-    assert odd_lines(FaultReport(of_set, {}, {}, {}, {}, 4, 99))[0].startswith("2 recordings are odd; the whole set: ")
+    for findings, said in ((of_set, "2 recordings are odd; the whole set: "), (of_set[:1], "The whole set is odd: ")):
+        assert odd_lines(FaultReport(findings, {}, {}, {}, {}, 4, 99))[0].startswith(said)
 
 
 def test_a_score_that_rounds_to_zero_has_no_sign_of_a_minus(capsys):

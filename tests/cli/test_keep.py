@@ -34,9 +34,9 @@ def test_keep_names_what_leaving_out_loses():
 
 
 @pytest.mark.parametrize("name", ["out.parquet", "out.csv", "out.npz"])
-@pytest.mark.parametrize("last", ["", 0.65])  # a time that is missing, or goes back
-def test_convert_writes_times_and_operator_and_task_of_each_demonstration(name, last):
-    seconds = [*(0.1 * k + 2.0 * (k > 2) for k in range(8)), last]
+@pytest.mark.parametrize(("last", "step"), [("", 0.1), (0.65, 0.1), (8.5, 1)])  # missing, back, and whole seconds
+def test_convert_writes_times_and_operator_and_task_of_each_demonstration(name, last, step):
+    seconds = [*(step * k + 2.0 * (k > 2) for k in range(8)), last]
     rows = [f"{m},{k},{t},{k / 7},{m % 2},{'AB'[m % 2]},lift it" for m in range(4) for k, t in enumerate(seconds)]
     Path("in.csv").write_text("\n".join(["run,frame,time,x,turn,operator,task", *rows]) + "\n")
     ok("convert", "in.csv", "-o", name, "--action", "turn")
@@ -44,6 +44,7 @@ def test_convert_writes_times_and_operator_and_task_of_each_demonstration(name, 
     assert dict(after.operators) == {"0": "A", "1": "B", "2": "A", "3": "B"}
     assert after.tasks == dict.fromkeys("0123", "lift it")
     np.testing.assert_allclose(after.times().timestamps, before.times().timestamps)
+    assert after.times().fps == before.times().fps
     np.testing.assert_array_equal(after.demonstrations.observations, before.demonstrations.observations)
     refused("named twice|would join", "convert", "in.csv", "-o", "in.csv")
 

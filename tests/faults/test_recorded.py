@@ -56,6 +56,9 @@ def test_frames_are_dropped_in_the_demonstration_that_lacks_them(step, monkeypat
     times = clock([(4, 9, 4)])
     np.random.default_rng(0).shuffle(times[FIVE.offsets[3] : FIVE.offsets[4]])  # nothing is missing
     assert [f.id for f in check(FIVE, times=Times(times, 50.0)).findings if f.rule == "dropped frames"] == [4]
+    set_back = clock([(3, 9, 4)])
+    set_back[FIVE.offsets[3] + 20 : FIVE.offsets[4]] -= 5.0
+    assert [f.id for f in check(FIVE, times=Times(set_back, 50.0)).findings if f.rule == "dropped frames"] == [3]
 
 
 def test_a_clock_that_goes_slower_than_the_others_is_another_frame_rate(monkeypatch):

@@ -166,6 +166,7 @@ def test_what_nobody_saw_is_no_observation(tmp_path):
             for name in unseen:
                 demo[f"obs/{name}"] = np.random.default_rng(1).normal(size=(len(demo["actions"]), 4))
             demo["goal/x"] = demo["actions"][:]
+            demo["goal_reached"] = np.zeros(len(demo["actions"]))
     said = formats.read_recording(path).description
     assert said.observations == ("gripper", "robot/eef_pos.0", "robot/eef_pos.1", "robot/eef_pos.2")
     reasons = ("the last action", "commands and labels of the program that made the data", "labels of subtasks")

@@ -78,6 +78,8 @@ def test_learned_from_outcomes_alone_or_from_answers() -> None:
     flag = replace(answers, outcomes=np.array([[0.0, 1, 0, 1]]).T, labels=np.array([0, 1, 0, -1]), heard=(1,))
     outweighed = replace(alone, answers=flag, log_odds=np.array([2.0, 3.0, -2.0, -3.0]))
     assert [", though outcome = 0." in reason for reason in outweighed.reasons] == [True, False, False, False]
+    worse = replace(outweighed, answers=replace(flag, pairs=np.array([[1, 0]])), verdicts=("open", *words[1:]))
+    assert worse.reasons[0] == "You called it worse than 1."
     told = make_audit(words, **known, answers=answers, labels={3: -1}, step_log_ratio=np.ones(80), lengths=[20] * 4)
     between = "Its score is between those of good and bad ones."
     good, bad = (f"{side} by your answers about others like it." for side in ("Good", "Bad"))

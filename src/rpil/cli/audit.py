@@ -15,7 +15,7 @@ from rpil.cli import commands, options, terminal
 from rpil.cli.options import LABELS_FILE, RunOptions, Value, command_words
 from rpil.cli.terminal import THEN_RUN, fit, line_width, print_lines, show_stages, table_lines
 from rpil.data.files import check_outputs
-from rpil.data.text import MAX_LISTED_NAMES, listed, printable
+from rpil.data.text import MAX_LISTED_NAMES, counted, listed, printable
 from rpil.results.vocabulary import PLURALS, SIDES, short_id
 
 if TYPE_CHECKING:
@@ -173,9 +173,10 @@ def odd_lines(report: FaultReport) -> list[str]:
     if not report.findings:
         return fit(report.headline, line_width(), 2)
     worst, n = report.lines[0], len({found.id for found in report.findings} - {""})
-    odd = "1 recording is odd" if n == 1 else f"{n:,} recordings are odd"
-    which = "; the whole set" if worst.id == "" else f"{', most of all' if n > 1 else ':'} {short_id(worst.id)}"
-    return [*fit(f"{odd}{which}: {worst.sentence}.", line_width(), 2), "  All: rpil check."]
+    odd = f"{counted(n, 'recording')} {'are' if n > 1 else 'is'} odd"
+    which = f"{odd}{', most of all' if n > 1 else ':'} {short_id(worst.id)}"
+    which = which if worst.id != "" else f"{odd}; the whole set" if n else "The whole set is odd"
+    return [*fit(f"{which}: {worst.sentence}.", line_width(), 2), "  All: rpil check."]
 
 
 def _columns(audit: Audit, shown: Sequence[int], all_rows: bool, odd: list[str]) -> dict[str, list[str]]:

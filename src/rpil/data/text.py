@@ -113,7 +113,7 @@ def data_frame(columns: Mapping[str, Sequence[object]]) -> DataFrame:
 EPISODE = ("episode_index", "episode_id", "episode_ids", "episode")
 ACTION = ("action", "actions")
 STEP = "step_index"
-TIMESTAMP = ("timestamp", "timestamps")
+TIMESTAMP = ("timestamp_s", "timestamp", "timestamps")
 
 _NUMBER = r"(?:_(?:index|ids?|idx|no|num|number|nr|name|key))?"
 _EPISODE_STEMS = (

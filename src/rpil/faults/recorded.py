@@ -98,8 +98,9 @@ def find_frame_times(times: Times, demonstrations: DemonstrationSet, usual: floa
         ids, begins = demonstrations.ids[first:end], offsets[first:end] - offsets[first]
         frames = np.diff(times.timestamps[offsets[first] : offsets[end]], prepend=0.0) / usual
         frames[begins] = 1.0
-        shuffled = (np.minimum.reduceat(frames, begins) < 0) & (np.add.reduceat(frames - 1, begins) <= limit)  # no gap
-        in_order = np.where(np.repeat(shuffled, demonstrations.lengths[first:end]), 1.0, frames)
+        lengths = demonstrations.lengths[first:end]
+        shuffled = np.add.reduceat(frames < 0, begins) * settings.SHUFFLED >= lengths  # whose gaps are none
+        in_order = np.where(np.repeat(shuffled, lengths), 1.0, frames)
         late += _wrong(DroppedFrames.name, in_order, limit, ids, begins, usual)
         early += _wrong(RepeatedFrames.name, frames, limit, ids, begins, usual)
         frames = np.where(np.abs(frames - 1.0) <= limit, frames, 1.0)

@@ -46,6 +46,7 @@ SMALLEST_REPEAT = 3.0  # repeated rows by which demonstrations do not differ
 LEAST_MOTION = 0.3  # share of that of the states around a row that repeats the action as well
 REPEATED_ROWS = 4  # rows that repeat states and actions while states move, and twice the usual second largest number
 STILL_SHARE = 0.2  # share of a demonstration at whose end no observation changes while the action does
+SHUFFLED = 4  # one step of so many goes back where times are in no order
 IDLE_MOTION = 0.05  # motion, relative to the usual one, below which a step is idle
 MIN_IDLE = 10  # steps; shorter idle heads and tails are no fault
 LONG_IDLE, IDLE_SHARE = 12, (0.16, 0.16, 0.2)  # steps, and share at ends and between, of rest that is always idle

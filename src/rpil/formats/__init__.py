@@ -176,7 +176,7 @@ def write(path: StrPath, demonstrations: Demonstrations, truth: Mapping[str, Arr
     Parameters
     ----------
     truth : mapping of name to (M,) or (N,) array, optional
-        Values for each demonstration or step: whether it is good, for scoring, which `read` ignores; or ``timestamp``.
+        Values for each demonstration or step: whether it is good, for scoring (`read` ignores it), or ``timestamp_s``.
 
     Raises
     ------

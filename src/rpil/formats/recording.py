@@ -26,6 +26,9 @@ from rpil.formats.steps import ArrowFile, Steps
 from rpil.formats.table import end_to_end, numbers_or_missing
 from rpil.numerics.types import Array, Bool
 
+GOAL = re.compile(r"(^|[./])(desired_)?goal([./]|_\w{1,3}$|$)", re.IGNORECASE)
+"""Names of goals, and not of whether one was reached."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording:
@@ -282,7 +285,8 @@ def _notes(
         notes.append(f"Each stretch of {options.segment:g} s is a demonstration.")
     if 1 < len(steps.ids) == len(steps):
         notes.append(f"Each demonstration has one step: is {columns.episode} the right column of the demonstration?")
-    if goals := [m for m, why in columns.ignored.items() if "goal" in m.lower() and why.startswith("not named as an")]:
+    goals = [m for m, why in columns.ignored.items() if GOAL.search(m) and why.startswith("not named as an")]
+    if goals and not any(map(GOAL.search, columns.observations)):
         notes.append(f"No goal is read: --observations takes {commas(goals)}, with the names of all others.")
     if fps and recorded and abs(recorded - fps) > 0.01 * fps:
         notes.append(f"{fps:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}.")

@@ -65,7 +65,7 @@ def reasons_of(audit: Judged, answers: Answers, said: Sequence[str]) -> Iterator
     spared = zero & (answers.labels == 0) & ~answers.failed(audit.log_odds) & (audit.log_odds > 0)
     for m, name in enumerate(audit.ids):
         reason = _by_answers(audit, m, answers, said[m]) or _by_scores(audit, m, int(rank[m]), groups.get(name, ""))
-        reason += f", though {answers.failure}" if spared[m] else ""
+        reason += f", though {answers.failure}" if spared[m] and not said[m] else ""
         place, at, does = _worst_of(audit, m)
         differs = f"{place}{f', most {at}' * bool(at)}{f': {does}' * bool(does)}"
         if reason == DIFFERENT and place:
