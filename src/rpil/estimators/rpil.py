@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.fit_data import DemonstratorNames, Outcome
 from rpil.estimators.cloning import Given, PolicyEstimator, as_demonstrations
@@ -18,6 +19,7 @@ from rpil.estimators.within_tasks import Statements, fit_task, fit_within_tasks
 from rpil.formats.columns import Names
 from rpil.formats.format import Dataset
 from rpil.formats.recording import Recording
+from rpil.inference.answers import Answers
 from rpil.mixture.adversaries.protocol import Adversary
 from rpil.mixture.em import State
 from rpil.numerics.types import Array
@@ -164,9 +166,12 @@ class RPIL(PolicyEstimator):
         if not isinstance(X, Recording):
             source = X if isinstance(X, Dataset) else as_demonstrations(self, X, y, groups)
             task = Task.of(source, answers_of(labels, outcome, source), demonstrators)
+            _check_labels(task.answers, source.source)
             return self._keep(task, fit_task(task, options))
         # Each task and session is judged by itself, and one policy learned by the weights of all.
-        audit, fits = fit_within_tasks(X, Statements.of(X, labels, demonstrators, outcome), options)
+        stated = Statements.of(X, labels, demonstrators, outcome)
+        _check_labels(stated.answers, X.description.source)
+        audit, fits = fit_within_tasks(X, stated, options)
         if not audit.within:
             (task, result), *_ = fits
             return self._keep(task, replace(result, audit=audit))
@@ -193,3 +198,9 @@ class RPIL(PolicyEstimator):
         if not hasattr(self, "audit_"):
             raise AttributeError("A saved RPIL holds no audit; call rpil.audit on the demonstrations, or fit it again.")
         return self.audit_.expert_proba
+
+
+def _check_labels(answers: Answers, source: str) -> None:
+    """A `DataError` where nobody may be good, so that no policy can be learned."""
+    if (answers.labels < 0).all():
+        raise DataError(f"{source}: all demonstrations are labelled bad; leave one that may be good.")

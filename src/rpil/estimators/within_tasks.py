@@ -122,10 +122,10 @@ def fit_within_tasks(
     for group, rows in places.items():
         if several and len(rows) == 1 and reference is None:
             continue
-        own = demonstrations.select(rows) if several else demonstrations
-        said = beside_reference(stated.select(rows))
+        own, said = (demonstrations.select(rows), stated.select(rows)) if several else (demonstrations, stated)
         if reference is not None:
             own = with_reference(own.select(slice(None)), reference.demonstrations.select(slice(None)))
+            said = beside_reference(said)
         said = replace(said, answers=Answers.none(len(own))) if share else said
         audit, fitted = _fit_group(own, said, options, keeps_policy)
         audit = audits[group] = replace(audit, fps=fps)
@@ -144,8 +144,8 @@ def fit_within_tasks(
         trust = np.repeat(answers.labels >= 0, audit.lengths)  # also of those that are alone in their task
         audit = replace(audit, step_weight=audit.step_weight * trust, settings=settings)
     if share:
-        check_labels(stated.answers, keeps_policy, recording.description.source)
-        audit = with_answers(audit, beside_reference(stated, len(audits)).answers)
+        known = stated if reference is None else beside_reference(stated, len(audits))
+        audit = with_answers(audit, known.answers)
     if reference is not None:
         audit = first_of(audit, demonstrations.ids)
         if audit.anchor == "answers":  # a mean of 1 over those that are not of the reference
@@ -156,8 +156,7 @@ def fit_within_tasks(
 def beside_reference(stated: Statements, times: int = 1) -> Statements:
     """Statements about these demonstrations, and then about those of the reference, which are good, several `times`."""
     beside, given = stated.reference, stated.answers
-    if beside is None:
-        return stated
+    assert beside is not None
     more = times * len(beside.demonstrations)
     outcomes = np.full((more, given.outcomes.shape[1]), np.nan)
     for k, values in enumerate(beside.facts.outcomes[::-1], 1):  # those of files come first
@@ -195,16 +194,9 @@ def _fit_group(
     return audit, (task, result)
 
 
-def check_labels(answers: Answers, learns: bool, source: str) -> None:
-    """A `DataError` where somebody `learns`, and nobody may be good."""
-    if learns and (answers.labels < 0).all():
-        raise DataError(f"{source}: all demonstrations are labelled bad; leave one that may be good.")
-
-
 def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitResult:
     """Decide which demonstrations of a task to trust, and fit the final policy if it is kept; the audit says how."""
     options.check(task)
-    check_labels(task.answers, keeps_policy, task.source.source)
     fit, sample = fit_full, options.settings.sample
     least = sample.min_samples * sample.min_steps  # of data of which a sample is less, however few its coefficients
     may_sample = options.judges and options.policy is None and task.source.offsets[-1] > least

@@ -187,7 +187,7 @@ class Judged:
     own_reasons: tuple[str, ...] = field(default=(), metadata=TEXT | {"nothing": ALONE})
     rejected_by: tuple[str, ...] = field(default=(), metadata=TEXT)
     within: str = ""
-    task_of: Int[Array, " M"] | None = None
+    task_of: Int[Array, " M"] | None = field(default=None, metadata=of_each("M", -1))
     fps: float | None = None
     provenance: Mapping[str, Any] | None = None
 

@@ -79,13 +79,15 @@ def join_audits(
         for name, axis, nothing in table_fields(kind)
         if name != "order"  # which has another meaning in each task
     }
-    nobody = {} if parts else {"columns": np.zeros((len(ids), len(CHANNELS) + 1))}
+    columns["task_of"] = np.asarray(_joined([np.full(len(own), k) for k, own in enumerate(rows)], len(ids), rows, -1))
+    if not parts:
+        columns["columns"] = np.zeros((len(ids), len(CHANNELS) + 1))
     copies = [own[part.copy_of] for part, own in zip(parts, rows, strict=True)]
     shares = [(audit.prior.mean, audit.prior.low, audit.prior.high) for audit in parts] or [(0.5, 0.0, 1.0)]
     finding = min((audit.finding for audit in parts), key=[*FINDINGS].index, default=[*FINDINGS][-1])
     opposed = next((audit for audit in parts if not audit.identifiable and audit.finding == finding), None)
     return kind(
-        **columns | nobody,
+        **columns,
         ids=tuple(ids),
         offsets=offsets,
         finding=finding,
@@ -103,7 +105,6 @@ def join_audits(
         anchor=parts[0].anchor if parts else "none",
         settings=parts[0].settings if parts else AuditSettings(),
         within=what,
-        task_of=np.asarray(_joined([np.full(len(own), k) for k, own in enumerate(rows)], len(ids), rows, -1)),
         fps=parts[0].fps if parts else None,
     )
 
