@@ -30,7 +30,7 @@ from rpil.numerics.types import Array, Bool, Float, Int
 NOBODY = Demonstrators()
 MOST_INDICATORS = 30
 """Demonstrators with a column of their own at most, those with most answers: the time of a fit grows with the cube."""
-MOST_TASKS = 8
+MOST_TASKS = 4
 """Tasks with weights of their own at most, those with most answers; all others share such weights."""
 
 
