@@ -133,10 +133,10 @@ def weigh(
     n, levels = len(values), [levels_of(column, settings.max_levels) for column in values.T]
     priors, (alike, opposed) = [prior_counts(level, settings) for level in levels], most_alike(levels)
     found = np.stack([log_ratio(counts)[level] for level, counts in zip(levels, priors, strict=True)], axis=1)
-    by_columns = np.array(
-        [confirmed_by_columns(rows, evidence[:n], *one, settings) for one in zip(levels, priors, strict=True)]
-    )
-    by_columns *= ~opposed
+    # Whether what a witness says of other folds, as it is thought beforehand, predicts its levels.
+    folds = (held_out(rows, evidence[:n] + said, settings) for said in found.T)
+    gains = [reliability(*one)[1] for one in zip(folds, levels, priors, strict=True)]
+    by_columns = expit(np.array(gains) - CHANCE) * ~opposed
     confirmed, sign = by_columns.copy(), np.ones(len(levels))
     for _ in range(MAX_ROUNDS):
         new = np.zeros_like(found)
@@ -156,18 +156,6 @@ def weigh(
         if change < ENOUGH:
             break
     return Witnesses(found, confirmed, sign)
-
-
-def confirmed_by_columns(
-    rows: Array,
-    answered: Float[Array, " M"],
-    level: Int[Array, " M"],
-    counts: Float[Array, "2 K"],
-    settings: AnswerSettings,
-) -> float:
-    """The probability that what a witness says of other folds, as it is thought beforehand, predicts its levels."""
-    log_odds = held_out(rows, answered + log_ratio(counts)[level], settings)
-    return float(expit(reliability(log_odds, level, counts)[1] - CHANCE))
 
 
 def levels_of(values: Float[Array, " M"], most: int) -> Int[Array, " M"]:
