@@ -184,8 +184,8 @@ def log_ratio(counts: Float[Array, "2 K"]) -> Float[Array, " K+1"]:
 
 
 def most_alike(levels: list[Int[Array, " M"]]) -> tuple[Bool[Array, "W W"], Bool[Array, " W"]]:
-    """Of each witness itself, the one that is most correlated with it where both are known, and all others by more than
-    `TOO_ALIKE`; and whether one of these is low where it is high, by more than chance."""
+    """Which witnesses are taken for each one: itself, the most correlated one, and all others from `TOO_ALIKE` on; and
+    whether one of these is low where it is high, by more than chance. Correlations are those where both are known."""
     size, opposed = -np.eye(len(levels)), np.zeros((len(levels), len(levels)), dtype=bool)
     for i, j in permutations(range(len(levels)), 2):
         known = (levels[i] >= 0) & (levels[j] >= 0)
