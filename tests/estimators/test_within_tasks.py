@@ -52,7 +52,7 @@ def test_each_task_is_judged_as_if_it_were_alone(both, judged, tmp_path):
     np.testing.assert_array_equal(judged.audit_.log_odds[: len(alone.ids)], alone.log_odds)
 
 
-def test_one_policy_is_learned_from_all_tasks(both, judged, tmp_path):
+def test_one_policy_is_learned_from_all_tasks(both, judged):
     demonstrations = rpil.read(both)
     weighted = rpil.BehavioralCloning(features="folded").fit(
         demonstrations.observations, demonstrations.actions, sample_weight=judged.audit_.step_weight
@@ -60,11 +60,6 @@ def test_one_policy_is_learned_from_all_tasks(both, judged, tmp_path):
     (found, _), (expected, _) = coefficients(judged), coefficients(weighted)
     np.testing.assert_allclose(found, expected, atol=0.05 * np.abs(expected).max())
     assert judged.predict(demonstrations.observations).shape == demonstrations.actions.shape
-    rpil.save(judged, tmp_path / "policy")
-    loaded = rpil.load(tmp_path / "policy")
-    np.testing.assert_array_equal(
-        loaded.predict(demonstrations.observations), judged.predict(demonstrations.observations)
-    )
 
 
 @pytest.mark.parametrize("outcome", [None, {m: m % 100 % 4 for m in (*range(11), *range(100, 111))}])
@@ -113,8 +108,6 @@ def test_a_demonstration_that_is_alone_has_the_word_of_its_label_and_else_none(b
     assert (failed.verdicts[m], failed.reasons[m], failed.rejected_by[m]) == ("bad", "outcome 0.", "outcome")
     mixed = rpil.RPIL(adversary="uniform", features="folded", settings=FAST).fit(rpil.open(path), labels=labels).audit_
     assert (mixed.step_weight[mixed.offsets[m]] == 0) == (sign < 0)
-    with pytest.raises(DataError, match="no demonstration is called '77'"):
-        rpil_of(rpil.open(both), labels={77: "good"})
     left_out = rpil_of(
         rpil.open(both, without=0), labels={0: "good", 1: "bad"}, demonstrators={0: "Ann", 1: "Bob", 2: "Bob"}
     )

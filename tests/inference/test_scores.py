@@ -11,15 +11,10 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import own_log_prob
 from rpil.inference.held_out import held_out_model, indicators, log_reference
-from rpil.inference.scores import Scoring, TrimmedFit, dependence, mean_variance, monotony
+from rpil.inference.scores import Scoring, TrimmedFit, dependence, monotony
 from rpil.inference.settings import HeldOutSettings, JudgeSettings
 
 SETTINGS = JudgeSettings()
-
-
-def test_mean_variance_by_hand():
-    found = mean_variance(np.array([12.0, 0.0]), np.array([4, 6]), 2.0, 6.0)
-    np.testing.assert_allclose(found, [(12 + 12) / 10 / 4, 12 / 12 / 6])
 
 
 @pytest.mark.parametrize("discrete", [False, True])

@@ -48,16 +48,6 @@ def test_a_training_group_has_its_share_and_two_at_least(share, count):
     assert fit.group.sum() == count
 
 
-def test_a_group_is_fitted_as_it_is():
-    some = scoring(lambda group: np.where(group, 2.0, -1.0))
-    group = EVERYONE.copy()
-    group[0] = False
-    fit = some.fit(group)
-    assert fit.group.tolist() == group.tolist()
-    assert [one.tolist() for one in some.model.fitted] == [group.tolist()]
-    assert fit.history.tolist() == pytest.approx([some.data.mean_steps(fit.log_prob)[1]])
-
-
 class Ridges(Written):
     """Ridges, the strongest first, with the gain of each demonstration."""
 

@@ -12,7 +12,6 @@ from rpil.data.copies import Copies
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import Demonstrators
 from rpil.inference import trust as module
-from rpil.inference.answered import answer
 from rpil.inference.answers import Answers
 from rpil.inference.channels import CHANNELS, StateScale, columns_of, spaced
 from rpil.inference.groups import expert_share_interval
@@ -35,8 +34,8 @@ TOLD = [1, 0, 0, 1, 0, 0, -1, -1, 0, 0]
 SOURCE = Demonstrations(np.zeros((10, 1)), np.arange(10) % 2, np.arange(11))
 
 
-def concluded(labels=None, p_two=0.999, who=Demonstrators(), finding="outliers"):
-    """The judgement of `SCORE`, the audit with these labels, and the labels as answers."""
+def concluded(labels=None, p_two=0.999, finding="outliers"):
+    """The judgement of `SCORE`, and the audit with these labels."""
     scores = scores_of(scoring_of(same_actions(10), lambda group: 0.0, SETTINGS), SCORE, p_two)
     facts = np.cos(np.outer(np.arange(10.0), np.arange(1, 7)))  # one for each of the other channels
     columns = columns_of(scores.log_odds, facts, np.empty((10, 0)), SCORE)
@@ -44,11 +43,11 @@ def concluded(labels=None, p_two=0.999, who=Demonstrators(), finding="outliers")
     none = np.zeros(10), np.zeros(0), np.zeros(10)
     judgement = Judgement(scores, columns, states, claims, own, *none)
     answers = Answers.of_labels(np.array(labels if labels is not None else [0] * 10, dtype=np.int64))
-    return judgement, audit_from_judgement(judgement, SOURCE, answers, who, AuditSettings()), answers
+    return judgement, audit_from_judgement(judgement, SOURCE, answers, Demonstrators(), AuditSettings())
 
 
 def test_without_answers_the_claims_are_said():
-    judgement, audit, _ = concluded()
+    judgement, audit = concluded()
     assert (audit.finding, audit.anchor, audit.identifiable) == ("outliers", "none", True)
     assert [SIDES[verdict] for verdict in audit.verdicts] == ["open"] * 6 + ["lower"] * 4
     np.testing.assert_array_equal(audit.from_actions, judgement.scores.log_odds)
@@ -62,7 +61,7 @@ def test_without_answers_the_claims_are_said():
 
 
 def test_the_pair_that_is_asked_about_are_no_copies():
-    judgement, audit, _ = concluded()
+    judgement, audit = concluded()
     assert judgement.pair == audit.pair == (4, 6)  # of the ranking 8 6 9 7 1 5 0 3 4 2
     of_two = np.array([0, 1, 2, 3, 4, 5, 6, 6, 8, 6])
     assert replace(judgement, copy_of=of_two).pair == (4, 6)
@@ -76,17 +75,6 @@ def test_the_share_of_experts_is_known_where_groups_or_answers_are():
         audit = concluded(labels, p_two)[1]
         share = audit.prior.mean, audit.prior.low, audit.prior.high
         assert share == pytest.approx(expert_share_interval(expit(audit.log_odds), assumed))
-
-
-def test_operators_are_evidence_beside_answers_and_their_trust_is_the_share_of_good_ones():
-    who = Demonstrators.from_names(["a"] * 5 + ["b"] * 5)
-    _, audit, answers = concluded(TOLD, who=who)
-    by_hand = answer(audit.columns, answers, SETTINGS.answers, np.arange(10), who)
-    np.testing.assert_array_equal(audit.log_odds, by_hand.log_odds)
-    np.testing.assert_allclose(audit.from_actions + audit.from_label, by_hand.log_odds)
-    trust = [(who.name, who.trust.mean, who.trust.low, who.trust.high) for who in audit.demonstrators]
-    shares = [expert_share_interval(expit(audit.log_odds[own]), 1.0) for own in (slice(5), slice(5, 10))]
-    assert trust == [("a", *shares[0]), ("b", *shares[1])]
 
 
 # The training group.

@@ -124,10 +124,7 @@ class PolicyEstimator(ClassifierMixin, BaseEstimator):  # type: ignore[misc]  # 
     classes_: Array
     features_: Features
     policy_: FinalPolicy
-    features: str
-    C: float | None
     n_features_in_: int
-    n_iter_: int
 
     def predict(self, X: ArrayLike) -> Array:
         """The most likely action in each observation, (N,), or the mean action within the box, (N, A)."""

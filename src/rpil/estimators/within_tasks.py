@@ -45,8 +45,6 @@ class Statements:
     answers: Answers
     demonstrators: Sequence[Hashable] = ()
     """The name of each, None where it is not known; empty where none is."""
-    answers_source: str = "the labels"
-    """In messages."""
     reference: Recording | None = None
     """Demonstrations that are known to be good, and are judged beside the others."""
     taken_over: tuple[Array, ...] = ()
@@ -80,9 +78,8 @@ class Statements:
         if isinstance(demonstrators, str):
             named_by, demonstrators = demonstrators, read_demonstrators(demonstrators, recording)
         names = () if demonstrators is None else in_order(demonstrators, read.ids, named_by, "the demonstrators", ids)
-        where = str(labels) if isinstance(labels, str | os.PathLike) else cls.answers_source
         taken_over = takeover_signs(recording.interventions, read.offsets, recording.description.fps)
-        return cls(answers, names, where, reference, taken_over)
+        return cls(answers, names, reference, taken_over)
 
     def select(self, rows: Sequence[int]) -> Statements:
         """Statements about the demonstrations at `rows`, and of pairs of them."""

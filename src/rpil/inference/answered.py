@@ -126,12 +126,10 @@ def with_tasks(columns: Float[Array, "M C"], answers: Answers, task: Int[Array, 
     """The channels, which all tasks share; all columns of each task with answers, which are 0 elsewhere, of
     `MOST_TASKS` at most, and of all others together; and the group of scores."""
     answered = np.unique(np.concatenate([np.flatnonzero(answers.labels), answers.compared.ravel()]))
-    counts = np.bincount(task[answered] + 1, minlength=task.max() + 2)  # from task -1 on
+    counts = np.bincount(task[answered] + 1)  # from task -1 on
     most = np.argsort(-counts, kind="stable")[:MOST_TASKS]
-    most = most[counts[most] > 0]
-    block_of = np.full(len(counts), len(most))
-    block_of[most] = np.arange(len(most))
-    blocks = [columns * (block_of[task + 1] == k)[:, None] for k in range(len(most) + 1)]
+    own = task[:, None] == most[counts[most] > 0] - 1
+    blocks = [columns * rows[:, None] for rows in (*own.T, ~own.any(axis=1))]
     return np.column_stack([columns[:, : len(CHANNELS)], *blocks, columns[:, -1]])
 
 

@@ -104,20 +104,16 @@ def fit_weighted(
 
     rows = np.flatnonzero(weight > 0)
     features, weight = data.features[rows], weight[rows]
-    targets = one_hot(data.actions[rows], weight, n_actions(data))
+    assert isinstance(data.space, Discrete)
+    targets = one_hot(data.actions[rows], weight, data.space.n)
     penalty = np.append(np.full(features.shape[1] - 1, ridge * max(float(weight.sum()), MIN_WEIGHT)), 0.0)
     return fit_softmax(features, targets, penalty, NewtonSettings(tol), start=start, preconditioner=hessian)
 
 
-def n_actions(data: FitData) -> int:
-    """The number of discrete actions, K."""
-    assert isinstance(data.space, Discrete)
-    return data.space.n
-
-
 def frequencies(data: FitData, weight: Float[Array, " N"] | None = None) -> Float[Array, " K"]:
     """How often each discrete action is taken, with one step of each added."""
-    counts = np.bincount(data.actions, weight, n_actions(data)) + 1.0
+    assert isinstance(data.space, Discrete)
+    counts = np.bincount(data.actions, weight, data.space.n) + 1.0
     return np.asarray(counts / counts.sum())
 
 

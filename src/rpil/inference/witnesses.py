@@ -16,13 +16,14 @@ witnesses that err together do not confirm each other. A witness that the others
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 from scipy.special import expit, log_expit
 
 from rpil.inference.settings import AnswerSettings
 from rpil.numerics.regression import mean_ranks
-from rpil.numerics.types import Array, Float, Int
+from rpil.numerics.types import Array, Bool, Float, Int
 from rpil.policies.folds import out_of_fold
 
 NOTHING = 1e6
@@ -130,20 +131,19 @@ def weigh(
     if not values.size:
         return Witnesses(values, np.ones(values.shape[1]), np.ones(values.shape[1]))
     n, levels = len(values), [levels_of(column, settings.max_levels) for column in values.T]
-    priors, alike = [prior_counts(level, settings) for level in levels], most_alike(levels)
+    priors, (alike, opposed) = [prior_counts(level, settings) for level in levels], most_alike(levels)
     found = np.stack([log_ratio(counts)[level] for level, counts in zip(levels, priors, strict=True)], axis=1)
-    by_columns = np.array(
-        [confirmed_by_columns(rows, evidence[:n], *one, settings) for one in zip(levels, priors, strict=True)]
-    )
-    for k, near in enumerate(alike):
-        by_columns[k] *= not any(are_opposed(levels[k], levels[j]) for j in near)
+    # Whether what a witness says of other folds, as it is thought beforehand, predicts its levels.
+    folds = (held_out(rows, evidence[:n] + said, settings) for said in found.T)
+    gains = [reliability(*one)[1] for one in zip(folds, levels, priors, strict=True)]
+    by_columns = expit(np.array(gains) - CHANCE) * ~opposed
     confirmed, sign = by_columns.copy(), np.ones(len(levels))
     for _ in range(MAX_ROUNDS):
         new = np.zeros_like(found)
         for k, (level, counts) in enumerate(zip(levels, priors, strict=True)):
             others = evidence.copy()
             ratio = log_ratio(counts) * (by_columns[k] > 0.5)  # nothing else may tell its worth
-            others[:n] += np.delete(found, [k, *alike[k]], axis=1).sum(axis=1)
+            others[:n] += found[:, ~alike[k]].sum(axis=1)
             if is_contrast(others, n_pairs):
                 log_odds = regression(rows, others, n_pairs, settings, slice(n)) + others[:n]
                 ratio, gain = reliability(log_odds, level, counts)
@@ -156,18 +156,6 @@ def weigh(
         if change < ENOUGH:
             break
     return Witnesses(found, confirmed, sign)
-
-
-def confirmed_by_columns(
-    rows: Array,
-    answered: Float[Array, " M"],
-    level: Int[Array, " M"],
-    counts: Float[Array, "2 K"],
-    settings: AnswerSettings,
-) -> float:
-    """The probability that what a witness says of other folds, as it is thought beforehand, predicts its levels."""
-    log_odds = held_out(rows, answered + log_ratio(counts)[level], settings)
-    return float(expit(reliability(log_odds, level, counts)[1] - CHANCE))
 
 
 def levels_of(values: Float[Array, " M"], most: int) -> Int[Array, " M"]:
@@ -195,26 +183,18 @@ def log_ratio(counts: Float[Array, "2 K"]) -> Float[Array, " K+1"]:
     return np.append(good - bad, 0.0)
 
 
-def most_alike(levels: list[Int[Array, " M"]]) -> list[list[int]]:
-    """For each witness the one that is most correlated with it, and all others by more than `TOO_ALIKE`."""
-    if len(levels) < 2:
-        return [[]]
-    alike = np.array([[abs(correlation(one, other)) for other in levels] for one in levels])
-    np.fill_diagonal(alike, -1.0)
-    return [np.flatnonzero(own >= min(own.max(), TOO_ALIKE)).tolist() for own in alike]
-
-
-def correlation(level: Int[Array, " M"], other: Int[Array, " M"]) -> float:
-    """Correlation of two witnesses, where both are known; 0 where one is always the same there."""
-    known = (level >= 0) & (other >= 0)
-    if len({*level[known].tolist()}) < 2 or len({*other[known].tolist()}) < 2:
-        return 0.0
-    return float(np.corrcoef(level[known], other[known])[0, 1])
-
-
-def are_opposed(level: Int[Array, " M"], other: Int[Array, " M"]) -> bool:
-    """Whether one witness is low where the other one is high, by more than chance."""
-    return bool(correlation(level, other) * np.sqrt(((level >= 0) & (other >= 0)).sum()) < -2)
+def most_alike(levels: list[Int[Array, " M"]]) -> tuple[Bool[Array, "W W"], Bool[Array, " W"]]:
+    """Which witnesses are taken for each one: itself, the most correlated one, and all others from `TOO_ALIKE` on; and
+    whether one of these is low where it is high, by more than chance. Correlations are those where both are known."""
+    size, opposed = -np.eye(len(levels)), np.zeros((len(levels), len(levels)), dtype=bool)
+    for i, j in permutations(range(len(levels)), 2):
+        known = (levels[i] >= 0) & (levels[j] >= 0)
+        one, other = levels[i][known], levels[j][known]
+        if len({*one.tolist()}) > 1 and len({*other.tolist()}) > 1:
+            correlation = np.corrcoef(one, other)[0, 1]
+            size[i, j], opposed[i, j] = abs(correlation), correlation * np.sqrt(len(one)) < -2
+    alike = size >= np.minimum(size.max(axis=1, keepdims=True), TOO_ALIKE)
+    return alike | np.eye(len(levels), dtype=bool), (alike & opposed).any(axis=1)
 
 
 def reliability(
