@@ -71,3 +71,6 @@ def test_a_demonstration_that_nobody_judged_stays_open_but_for_its_label():
     labels[79] = -1
     found = answer(columns, answers_of(labels, m=80), SETTINGS, np.arange(80), task_of=task)
     assert (found.verdicts[[39, 79]].tolist(), found.log_odds[39]) == ([0, -1], 0.0)
+    flags = np.where(task < 0, NAN, np.arange(80) % 40 > 1)[:, None]
+    found = answer(columns, answers_of(outcome=flags, m=80), SETTINGS, np.arange(80), task_of=task)
+    assert found.log_odds[[39, 79]].tolist() == [0, 0]
