@@ -13,7 +13,8 @@ from problems import coefficients, make, refused
 from rpil import Demonstrations
 from rpil.data.errors import DataError
 from rpil.estimators.pipeline import FitOptions
-from rpil.estimators.within_tasks import Statements, fit_within_tasks, with_reference
+from rpil.estimators.task import with_reference
+from rpil.estimators.within_tasks import Statements, fit_within_tasks
 from rpil.formats import table as flat
 from rpil.results.judged import ALONE
 from small import FAST, SMALL
@@ -113,6 +114,39 @@ def test_a_demonstration_that_is_alone_has_the_word_of_its_label_and_else_none(b
     )
     assert left_out.audit_.ids[0] == 1
     assert left_out.audit_.answers.labels[:2].tolist() == [-1, 0]
+
+
+def test_every_demonstration_may_be_alone_and_its_operator_and_takeovers_count(both, tmp_path):
+    table = pq.read_table(both)
+    owner = table["episode_index"].to_numpy()
+    table = table.append_column("intervention", pa.array(owner % 2 == 0))
+    for k, tasks in enumerate(([f"task {m}" for m in owner], np.where(owner == 110, "alone", table["task"]).tolist())):
+        own = table.set_column(table.column_names.index("task"), "task", [tasks])
+        pq.write_table(own, path := tmp_path / f"{k}.parquet")
+        audit = rpil.audit(path, {0: "good", 110: "bad"}, settings=FAST, operator="who")
+        assert [(one.name, len(one.demonstrations)) for one in audit.demonstrators] == [("Ann", 11), ("Bob", 11)]
+        assert audit.verdicts[-1] == "bad"
+        assert "A person took over in 12 of 22" in " ".join(audit.notes)
+    said = rpil.audit(tmp_path / "0.parquet", outcome={m: m % 3 for m in audit.ids}, settings=FAST)
+    assert ({*said.verdicts}, rpil_of(rpil.open(tmp_path / "0.parquet")).audit_.ids) == ({"open"}, audit.ids)
+
+
+def test_groups_of_a_task_wait_for_an_answer_of_their_own(both):
+    audit = rpil.audit(both, settings=FAST)
+    groups = replace(
+        audit, identifiable=False, competing=((100, 101), (109, 110)), notes=("right: The two groups: A.",)
+    )
+    for labels, is_told in (({0: "good", 10: "bad"}, False), ({100: "good", 110: "bad"}, True)):
+        found = groups.answered(labels)
+        assert (found.identifiable, found.competing == (), found.notes == ()) == (is_told,) * 3
+        other = [m for m, name in enumerate(found.ids) if (name < 100) == is_told]
+        assert {found.verdicts[m] for m in other} <= {"open", "outlier"}, "that has no answer"
+
+
+def test_pairs_and_outcomes_are_refused_beside_a_named_adversary(both):
+    mixture = rpil.RPIL(adversary="uniform", features="folded", settings=FAST)
+    with pytest.raises(DataError, match="leave out pairs and the outcome"):
+        mixture.fit(rpil.open(both), labels=[(0, "better than 108")])
 
 
 def test_what_was_named_when_it_was_opened_is_used(both):

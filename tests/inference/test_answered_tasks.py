@@ -16,7 +16,7 @@ def test_columns_are_shared_and_those_of_each_task_with_answers_its_own():
     task, columns = np.array([0, 0, 1, 1, 2, -1]), np.arange(1.0, 6 * (N + 3) + 1).reshape(6, -1)
     found = with_tasks(columns, answers_of([0, 0, 1, 0, 0, 0], pairs=[(1, 3)], m=6), task)
     of_two, of_one = columns * (task == 1)[:, None], columns * (task == 0)[:, None]
-    others = columns * (task % 3 == 2)[:, None]
+    others = np.delete(columns, [N, N + 1], axis=1) * (task % 3 == 2)[:, None]  # without components
     np.testing.assert_array_equal(found, np.column_stack([columns[:, :N], of_two, of_one, others, columns[:, -1]]))
     many, wide = np.arange(12), np.ones((12, N + 1))
     found = with_tasks(wide, answers_of([1, -1] * 6, m=12), many)[:, N:-1]
@@ -28,14 +28,15 @@ def test_columns_are_shared_and_those_of_each_task_with_answers_its_own():
 def test_outcomes_are_ranks_within_each_task_but_for_flags():
     task, lengths = np.array([0, 0, 0, 1, 1, 2, 2]), np.array([30.0, 10, NAN, 900, 700, 50, 50])
     flags = np.array([1.0, 0, 1, 0, 0, NAN, 1])
-    found = ranked_in_tasks(np.column_stack([lengths, flags]), task)
-    np.testing.assert_array_equal(found.T, [[0.75, 0.25, NAN, 0.75, 0.25, NAN, NAN], flags])
+    copies = np.array([0.5, 1, 0, 1, 1, NAN, 0])  # the mean flag of two is a half
+    found = ranked_in_tasks(np.column_stack([lengths, flags, copies]), task, 2)
+    np.testing.assert_array_equal(found.T, [[0.75, 0.25, NAN, 0.75, 0.25, NAN, NAN], flags, copies])
 
 
 def test_a_task_is_trusted_by_its_own_answers_and_by_all_as_by_one_more():
     right, of_answer = np.array([0.9, 0.7, 0.1]), np.array([0, 0, 1])
     found = trust_in_tasks(0.4, of_answer, right, np.array([0, 1, 2, -1]), 0.05)
-    np.testing.assert_allclose(found, [(0.8 + 0.4 + 0.4) / 3, 0.05, 0.4, 0.0])
+    np.testing.assert_allclose(found, [(0.8 + 0.4 + 0.4) / 3, 0.05, 0.05, 0.0], err_msg="the third has no answer")
 
 
 def made(n_tasks, seed, reverse=()):

@@ -21,7 +21,7 @@ from rpil.data.errors import DataError
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space
 from rpil.estimators.task import Task
-from rpil.inference.answers import check_copied_labels
+from rpil.inference.answers import Answers, check_copied_labels
 from rpil.inference.held_out import HeldOutPolicy, HeldOutRidge, HeldOutSoftmax, held_out_model
 from rpil.inference.parts import judged_parts
 from rpil.inference.settings import JudgeSettings
@@ -126,7 +126,13 @@ class FitOptions:
             self.cross_fitted(task.space, int(task.source.offsets[-1]))  # refuses an unsuitable estimator
         if not self.judges and (task.demonstrators.informative or self.policy is not None):
             raise DataError("A named adversary knows no demonstrators and no policy of the user; leave out one.")
-        if not self.judges and (len(task.answers.compared) or task.answers.has_outcome.any()):
+        if not self.judges:
+            self.check_answers(task.answers)
+
+    @staticmethod
+    def check_answers(answers: Answers) -> None:
+        """Refuse answers from which a named adversary does not learn."""
+        if len(answers.compared) or answers.has_outcome.any():
             raise DataError("A named adversary learns from labels alone; leave out pairs and the outcome.")
 
     def n_sampled_steps(self, task: Task) -> int:

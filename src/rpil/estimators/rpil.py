@@ -177,10 +177,10 @@ class RPIL(PolicyEstimator):
             return self._keep(task, replace(result, audit=audit))
         task, results = Task.of(X.demonstrations.select(slice(None))), [own for _, own in fits]
         options.progress("the policy")
-        n_iter, bound = sum(own.n_iter for own in results), float(np.mean([own.lower_bound for own in results]))
+        n_iter, bound = sum(own.n_iter for own in results), np.mean([own.lower_bound for own in results] or np.nan)
         sound = all(own.converged for own in results)
         return self._keep(
-            task, FitResult(audit, *final_policy(task, options, audit.step_weight), None, n_iter, bound, sound)
+            task, FitResult(audit, *final_policy(task, options, audit.step_weight), None, n_iter, float(bound), sound)
         )
 
     def _keep(self, task: Task, fitted: FitResult) -> RPIL:

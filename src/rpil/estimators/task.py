@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -18,6 +18,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.fit_data import DemonstratorNames, Demonstrators, FitData, Outcome
 from rpil.data.spaces import Space, action_space, encode_actions
+from rpil.data.text import quoted
 from rpil.formats.columns import Names
 from rpil.formats.format import Dataset
 from rpil.inference.answers import Answers
@@ -114,3 +115,43 @@ class Task:
         design, codes = features.design(demonstrations.observations, single=single), self.codes(demonstrations)
         names = tuple(map(str, self.classes.tolist())) or demonstrations.action_names
         return FitData(design, codes, demonstrations.offsets, self.space, action_names=names)
+
+
+def with_reference(demonstrations: Demonstrations, reference: Demonstrations) -> Demonstrations:
+    """The `demonstrations`, and after them those of the `reference`; all ids are text, and no two are alike.
+
+    A `DataError` where the two have other observations or actions.
+    """
+    one, other = demonstrations, reference
+    missing = [name for name in one.observation_names if name not in other.observation_names]
+    more = [name for name in other.observation_names if name not in one.observation_names]
+    if missing or more:
+        lacks = f"lacks {quoted(missing, 5)}" if missing else f"has {quoted(more, 5)} too"
+        raise DataError(
+            f"{other.source}: its observations are not those of {one.source}: it {lacks}; name the same ones with "
+            "--observations or --exclude."
+        )
+    columns = [other.observation_names.index(name) for name in one.observation_names]
+    kinds = [_kind_of_action(each) for each in (one, other)]
+    if kinds[0] != kinds[1]:
+        raise DataError(
+            f"{other.source}: its actions are {kinds[1]}, and those of {one.source} are {kinds[0]}; give a reference "
+            "with the same actions, or say what they are with --action or --action-kind."
+        )
+    prefixes = chain(["reference "], (f"reference {k} " for k in count(2)))
+    prefix = next(p for p in prefixes if not any(str(name).startswith(p) for name in one.ids))
+    return replace(
+        one,
+        observations=np.concatenate([one.observations, other.observations[:, columns]]),
+        actions=np.concatenate([one.actions, other.actions]),
+        offsets=np.concatenate([one.offsets, one.n_steps + other.offsets[1:]]),
+        ids=(*map(str, one.ids), *(f"{prefix}{name}" for name in other.ids)),
+    )
+
+
+def _kind_of_action(demonstrations: Demonstrations) -> str:
+    """A name for the kind of the actions, alike where they can be judged together."""
+    if demonstrations.is_discrete:
+        return "discrete text" if demonstrations.actions.dtype.kind == "U" else "discrete numbers"
+    names = demonstrations.action_names
+    return f"{demonstrations.n_actions} continuous numbers{f' ({quoted(names, 5)})' * bool(names)}"

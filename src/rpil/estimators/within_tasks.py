@@ -5,7 +5,6 @@ Nothing here needs scikit-learn, whose import takes longer than to judge a small
 
 from __future__ import annotations
 
-import itertools
 import os
 import warnings
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
@@ -16,22 +15,27 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from rpil.data.demonstrations import Demonstrations
-from rpil.data.errors import DataError
 from rpil.data.files import StrPath
-from rpil.data.fit_data import DemonstratorNames, Outcome, check_outcome, check_sessions, in_order
-from rpil.data.text import quoted
+from rpil.data.fit_data import (
+    DemonstratorNames,
+    Outcome,
+    check_outcome,
+    check_sessions,
+    group_by_demonstrator,
+    in_order,
+)
 from rpil.estimators.pipeline import FitOptions, FitResult, Settings, fit_full, fit_sampled
-from rpil.estimators.task import Labels, Task, answers_of, are_names
+from rpil.estimators.task import Labels, Task, answers_of, are_names, with_reference
 from rpil.formats import ReadOptions, opened, read_demonstrators
 from rpil.formats.columns import ColumnOptions, Names, check_options
 from rpil.formats.format import Dataset, Frame
 from rpil.formats.recording import Recording
 from rpil.inference.answers import Answers
 from rpil.numerics.types import Array
-from rpil.results.answering import with_answers
+from rpil.results.answering import rank_demonstrators, with_answers
 from rpil.results.judged import changed_settings, provenance_of
 from rpil.results.record import Audit
-from rpil.results.step_weights import takeover_signs, without_bad_rows
+from rpil.results.step_weights import takeover_signs, weights_of, without_bad_rows
 from rpil.results.tasks import first_of, join_audits
 
 MIN_DEMONSTRATIONS = 8
@@ -116,6 +120,8 @@ def fit_within_tasks(
     fits, audits = list[tuple[Task, FitResult]](), dict[str, Audit]()
     ids, offsets = list[Hashable](demonstrations.ids), demonstrations.offsets
     options = replace(options, engine=None) if several else options
+    if not options.judges:
+        options.check_answers(stated.answers)
     for group, rows in places.items():
         if several and len(rows) == 1 and reference is None:
             continue
@@ -123,7 +129,7 @@ def fit_within_tasks(
         if reference is not None:
             own = with_reference(own.select(slice(None)), reference.demonstrations.select(slice(None)))
             said = beside_reference(said)
-        said = replace(said, answers=Answers.none(len(own))) if share else said
+        said = replace(said, answers=Answers.none(len(own)), demonstrators=()) if share else said
         audit, fitted = _fit_group(own, said, options, keeps_policy)
         audit = audits[group] = replace(audit, fps=fps)
         fits.append(fitted)
@@ -139,15 +145,26 @@ def fit_within_tasks(
         answers = Answers.none(len(ids)) if share else stated.answers
         audit = join_audits(audits, places, ids, offsets, answers, what)
         trust = np.repeat(answers.labels >= 0, audit.lengths)  # also of those that are alone in their task
-        audit = replace(audit, step_weight=audit.step_weight * trust, settings=settings)
+        audit = replace(audit, step_weight=audit.step_weight * trust, settings=settings, fps=fps)
     if share:
         known = stated if reference is None else beside_reference(stated, len(audits))
-        audit = with_answers(audit, known.answers)
+        audit = _answered_together(audit, known, stated.demonstrators, demonstrations)
     if reference is not None:
         audit = first_of(audit, demonstrations.ids)
         if audit.anchor == "answers":  # a mean of 1 over those that are not of the reference
             audit = replace(audit, step_weight=audit.step_weight / audit.step_weight.mean())
     return _with_facts(audit, recording, stated), fits
+
+
+def _answered_together(
+    audit: Audit, known: Statements, names: Sequence[Hashable], demonstrations: Demonstrations | Dataset
+) -> Audit:
+    """The joined audit of tasks, with the `names` of those who gave these demonstrations, and all that is known."""
+    who = group_by_demonstrator(names if any(name is not None for name in names) else None, demonstrations)
+    over = np.concatenate(known.taken_over) if known.taken_over else None
+    audit = replace(audit, taken_over=over, demonstrators=rank_demonstrators(who, audit.ids))
+    method = *audit.method, *filter(None, [who.note])
+    return with_answers(replace(audit, step_weight=weights_of(audit), method=method), known.answers)
 
 
 def beside_reference(stated: Statements, times: int = 1) -> Statements:
@@ -216,46 +233,6 @@ def fit_task(task: Task, options: FitOptions, keeps_policy: bool = True) -> FitR
         message = "EM stopped at max_iter before it converged; raise max_iter or tol."
         warnings.warn(message, ConvergenceWarning, stacklevel=2)
     return replace(result, audit=replace(result.audit, method=tuple(filter(None, method))))
-
-
-def with_reference(demonstrations: Demonstrations, reference: Demonstrations) -> Demonstrations:
-    """The `demonstrations`, and after them those of the `reference`; all ids are text, and no two are alike.
-
-    A `DataError` where the two have other observations or actions.
-    """
-    one, other = demonstrations, reference
-    missing = [name for name in one.observation_names if name not in other.observation_names]
-    more = [name for name in other.observation_names if name not in one.observation_names]
-    if missing or more:
-        lacks = f"lacks {quoted(missing, 5)}" if missing else f"has {quoted(more, 5)} too"
-        raise DataError(
-            f"{other.source}: its observations are not those of {one.source}: it {lacks}; name the same ones with "
-            "--observations or --exclude."
-        )
-    columns = [other.observation_names.index(name) for name in one.observation_names]
-    kinds = [_kind_of_action(each) for each in (one, other)]
-    if kinds[0] != kinds[1]:
-        raise DataError(
-            f"{other.source}: its actions are {kinds[1]}, and those of {one.source} are {kinds[0]}; give a reference "
-            "with the same actions, or say what they are with --action or --action-kind."
-        )
-    prefixes = itertools.chain(["reference "], (f"reference {k} " for k in itertools.count(2)))
-    prefix = next(p for p in prefixes if not any(str(name).startswith(p) for name in one.ids))
-    return replace(
-        one,
-        observations=np.concatenate([one.observations, other.observations[:, columns]]),
-        actions=np.concatenate([one.actions, other.actions]),
-        offsets=np.concatenate([one.offsets, one.n_steps + other.offsets[1:]]),
-        ids=(*map(str, one.ids), *(f"{prefix}{name}" for name in other.ids)),
-    )
-
-
-def _kind_of_action(demonstrations: Demonstrations) -> str:
-    """A name for the kind of the actions, alike where they can be judged together."""
-    if demonstrations.is_discrete:
-        return "discrete text" if demonstrations.actions.dtype.kind == "U" else "discrete numbers"
-    names = demonstrations.action_names
-    return f"{demonstrations.n_actions} continuous numbers{f' ({quoted(names, 5)})' * bool(names)}"
 
 
 JUDGE_FEATURES = "folded"

@@ -70,7 +70,7 @@ def answer(
     once, columns = answers.once(copy_of), columns[first]
     task = np.zeros(len(first), dtype=np.int64) if task_of is None else task_of[first]
     if task_of is not None:
-        once = replace(once, outcomes=ranked_in_tasks(once.outcomes, task))
+        once = replace(once, outcomes=ranked_in_tasks(once.outcomes, task, once.only_flag))
         columns = with_tasks(columns, once, task)
     if who.informative:
         named = np.argsort([who.names[u] is None for u in who.index], kind="stable")  # of copies the first with a name
@@ -124,22 +124,23 @@ def with_demonstrators(
 
 def with_tasks(columns: Float[Array, "M C"], answers: Answers, task: Int[Array, " M"]) -> Float[Array, "M D"]:
     """The channels, which all tasks share; all columns of each task with answers, which are 0 elsewhere, of
-    `MOST_TASKS` at most, and of all others together; and the group of scores."""
+    `MOST_TASKS` at most; those of all others together, without components; and the group of scores."""
     answered = np.unique(np.concatenate([np.flatnonzero(answers.labels), answers.compared.ravel()]))
     counts = np.bincount(task[answered] + 1)  # from task -1 on
     most = np.argsort(-counts, kind="stable")[:MOST_TASKS]
     own = task[:, None] == most[counts[most] > 0] - 1
-    blocks = [columns * rows[:, None] for rows in (*own.T, ~own.any(axis=1))]
-    return np.column_stack([columns[:, : len(CHANNELS)], *blocks, columns[:, -1]])
+    shared, group = columns[:, : len(CHANNELS)], columns[:, -1:]
+    others = np.hstack([shared, group]) * ~own.any(axis=1, keepdims=True)  # components of several are no column
+    return np.hstack([shared, *(columns * rows[:, None] for rows in own.T), others, group])
 
 
-def ranked_in_tasks(outcomes: Float[Array, "M W"], task: Int[Array, " M"]) -> Float[Array, "M W"]:
-    """The outcomes; those of more than two values are ranks within each task, because tasks differ in length, and say
-    nothing where all of a task are alike."""
+def ranked_in_tasks(outcomes: Float[Array, "M W"], task: Int[Array, " M"], flag: int) -> Float[Array, "M W"]:
+    """The outcomes; those of more than two values, but for the `flag` of copies, are ranks within each task, because
+    tasks differ in length. They say nothing where all of a task are alike."""
     ranked = outcomes.copy()
-    for values in ranked.T:
+    for k, values in enumerate(ranked.T):
         known = np.isfinite(values)
-        for number in np.unique(task[known]) if len(np.unique(values[known])) > 2 else ():
+        for number in np.unique(task[known]) if k != flag and len(np.unique(values[known])) > 2 else ():
             own = np.flatnonzero(known & (task == number))
             values[own] = (mean_ranks(values[own]) - 0.5) / len(own) if np.ptp(values[own]) else np.nan
     return ranked
@@ -149,9 +150,10 @@ def trust_in_tasks(
     trust: float, of_answer: Int[Array, " A"], right: Float[Array, " A"], task: Int[Array, " M"], least: float
 ) -> Float[Array, " M"]:
     """The trust in the answers about the task of each demonstration: the mean of that in each, and of the `trust` in
-    answers of all tasks, as if that were one of them. 0 in the task -1."""
+    answers of all tasks, as if that were one of them; `least` without an answer, and 0 in the task -1."""
     total, n = (np.bincount(of_answer + 1, weights, task.max() + 2) for weights in (2 * right - 1, None))
-    return np.asarray(np.where(task < 0, 0.0, np.maximum((total + trust) / (n + 1), least)[task + 1]))
+    own = np.where(n > 0, np.maximum((total + trust) / (n + 1), least), least)
+    return np.asarray(np.where(task < 0, 0.0, own[task + 1]))
 
 
 def predicted(

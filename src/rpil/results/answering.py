@@ -58,6 +58,7 @@ def with_answers(audit: A, known: Answers) -> A:
     found = answer(audit.columns, known, audit.settings.judge.answers, audit.copy_of, who, audit.task_of)
     known, log_odds, verdicts = replace(known, heard=found.witnesses.heard), found.log_odds, found.verdicts
     is_decided = known.once(audit.copy_of).contrast  # until then those that were outliers without answers stay so
+    is_told = is_decided and _is_told_of_groups(audit, known)
     stays = np.where(verdicts == 0, audit.claimed, 0) * (not is_decided)
     answered = replace(
         audit,
@@ -68,16 +69,24 @@ def with_answers(audit: A, known: Answers) -> A:
         expert_proba=shown_proba(log_odds, verdicts, "answered", audit.settings.min_proba("answers")),
         verdicts=verdicts_of(verdicts, "answers", stays),
         prior=Interval(*expert_share_interval(expit(log_odds), 1.0)),
-        identifiable=audit.identifiable or is_decided,
-        competing=() if is_decided else audit.competing,
+        identifiable=audit.identifiable or is_told,
+        competing=() if is_told else audit.competing,
         demonstrators=rank_demonstrators(who, audit.ids, expit(log_odds) if is_decided else None),
         answers=known,
         own_reasons=(),
         contradicting=tuple(audit.ids[m] for m in found.contradicting.tolist()),
         doubts=tuple(doubts_of_answers(found, known.shared(audit.copy_of), is_decided)),
-        notes=tuple(note for note in audit.notes if not (is_decided and any(said in note for said in _UNTIL_DECIDED))),
+        notes=tuple(note for note in audit.notes if not (is_told and any(said in note for said in _UNTIL_DECIDED))),
     )
     return replace(answered, step_weight=weights_of(answered), rejected_by=rejecting_rules(answered))
+
+
+def _is_told_of_groups(audit: Judged, known: Answers) -> bool:
+    """Whether the answers contrast in the task whose groups compete, if there is one."""
+    if audit.task_of is None or not audit.competing:
+        return True
+    rows = np.flatnonzero(audit.task_of == audit.task_of[audit.index(audit.competing[0][0])])
+    return known.select(rows.tolist()).contrast
 
 
 def rejecting_rules(audit: Judged) -> tuple[str, ...]:

@@ -80,14 +80,15 @@ def of_demonstrations(audit: Judged) -> Float[Array, " M"]:
         acts = audit.anchor == "answers" and once.contrast
         return proba / np.average(proba, weights=audit.lengths) if acts else np.ones(len(proba))
     said, verdicts = audit.answers.shared(audit.copy_of).said(audit.log_odds), np.array(audit.verdicts)
-    side, known, (better, worse) = 0, audit.answers, audit.answers.pairs.T  # each task has parts of its own
+    side, known, (better, worse) = np.zeros(len(proba)), audit.answers, audit.answers.pairs.T
     good, bad = np.append(np.flatnonzero(known.labels > 0), better), np.append(np.flatnonzero(known.labels < 0), worse)
-    if not audit.within and len(good) and len(bad) and once.contrast:
+    task = np.zeros(len(proba)) if audit.task_of is None else audit.task_of  # each has parts of its own
+    for number in np.intersect1d(task[good], task[bad]) if once.contrast else ():
         # 1 where labels and pairs call the part good that the learner trusts without them, -1 where the other one.
-        votes = {*np.sign(audit.part[good]).tolist(), *np.sign(-audit.part[bad]).tolist()}
-        side = int(votes.pop()) if len(votes) == 1 else 0
-    if not side and once.contrast and np.isin(verdicts[said == 0], ["good", "bad"]).any():
-        return proba
-    trusted = audit.part * side > 0 if side else audit.part > -1
+        votes = {*np.sign(audit.part[good[task[good] == number]]), *np.sign(-audit.part[bad[task[bad] == number]])}
+        side[task == number] = votes.pop() if len(votes) == 1 else 0
+    trusted = np.where(side, audit.part * side > 0, audit.part > -1)
     weight = np.where(said == 0, trusted, said > 0).astype(float)
+    if once.contrast and np.isin(verdicts[said == 0], ["good", "bad"]).any():
+        weight = np.where(side, weight, proba)
     return weight if weight.any() else proba

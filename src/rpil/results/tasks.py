@@ -101,11 +101,10 @@ def join_audits(
         answers=answers,
         doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
         notes=_joined_notes(audits),
-        copy_of=np.asarray(_joined(copies, len(ids), rows, np.arange(len(ids)))),
+        copy_of=np.asarray(_joined(copies, len(ids), rows, np.arange(len(ids))) if parts else np.arange(len(ids))),
         anchor=parts[0].anchor if parts else "none",
         settings=parts[0].settings if parts else AuditSettings(),
         within=what,
-        fps=parts[0].fps if parts else None,
     )
 
 
