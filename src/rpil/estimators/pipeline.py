@@ -126,13 +126,11 @@ class FitOptions:
             self.cross_fitted(task.space, int(task.source.offsets[-1]))  # refuses an unsuitable estimator
         if not self.judges and (task.demonstrators.informative or self.policy is not None):
             raise DataError("A named adversary knows no demonstrators and no policy of the user; leave out one.")
-        if not self.judges:
-            self.check_answers(task.answers)
+        self.check_answers(task.answers)
 
-    @staticmethod
-    def check_answers(answers: Answers) -> None:
+    def check_answers(self, answers: Answers) -> None:
         """Refuse answers from which a named adversary does not learn."""
-        if len(answers.compared) or answers.has_outcome.any():
+        if not self.judges and (len(answers.compared) or answers.has_outcome.any()):
             raise DataError("A named adversary learns from labels alone; leave out pairs and the outcome.")
 
     def n_sampled_steps(self, task: Task) -> int:
