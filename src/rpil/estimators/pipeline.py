@@ -271,11 +271,13 @@ def final_policy(task: Task, options: FitOptions, weight: Array) -> tuple[Featur
     every = task.demonstrations
     if options.policy is None:
         return options.linear.fit(every, task.codes(every), weight, task.space)
+    from rpil.policies.cross_fitted import fit_model
+
     features = options.judge_features(every)
     data = task.data(every, features)
     # Cross-fitted again by the final weights: the temperature of the policy comes from held-out steps.
     start, _ = options.cross_fitted(task.space, len(weight)).fit(data, weight)
-    return features, start.fit_all(data, weight)
+    return features, replace(start, models=(fit_model(start, data.features, data.actions, weight),))
 
 
 def fit_sampled(task: Task, options: FitOptions, learns: bool) -> FitResult:
