@@ -193,7 +193,7 @@ def decide_by_mixture(data: FitData, features: Features, ids: Sequence[Hashable]
     share = Interval(*result.state.prior.interval(result.posterior.expert))
     audit = summary.audit_from_mixture(data, result, share, ids, settings.audit)
     fitted = FitResult(audit, features, state=result.state, converged=bool(result.converged))
-    return replace(fitted, n_iter=max(1, len(result.history) - 1), lower_bound=result.objective)
+    return replace(fitted, n_iter=max(1, len(result.history) - 1), lower_bound=float(result.history[-1]))
 
 
 def judged_starts(data: FitData, settings: Settings) -> dict[str, Array]:
