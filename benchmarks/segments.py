@@ -4,7 +4,7 @@
     python benchmarks/segments.py --ocbench FOLDER
 
 AUROC is of rows, whether they are of a wrong act, by the score of their segment, and of demonstrations, whether they
-hold one, by `rpil.segments.find.shortfall`. Two marked segments are a good and a bad act by the truth, drawn at random;
+hold one, by `shortfall`. Two marked segments are a good and a bad act by the truth, drawn at random;
 their rows do not count.
 """
 
@@ -25,7 +25,7 @@ from options import at_least, output
 from provenance import line, provenance
 from rpil.data.demonstrations import Demonstrations
 from rpil.numerics.regression import mean_ranks
-from rpil.segments.find import find_segments, shortfall
+from rpil.segments.find import find_segments
 from rpil.segments.ranges import KINDS, Segments
 from tables import table
 from worlds import Array
@@ -34,6 +34,13 @@ from worlds.tidying import CLEAN, PLANTED, tidied
 Row = dict[str, Any]
 NOISE = (0.0, 0.004)
 """Of the sensors of the plane, whose side is 1."""
+
+
+def shortfall(segments: Segments, n: int) -> Array:
+    """How far the segments of each of `n` demonstrations lie below the median one, as a negative sum."""
+    known = np.isfinite(segments.score)
+    below = np.minimum(segments.score[known] - np.median(segments.score[known]), 0.0) if known.any() else None
+    return np.bincount(segments.demonstration[known], below, n).astype(float)
 
 
 def auroc(score: Array, bad: Array) -> float:

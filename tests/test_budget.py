@@ -21,21 +21,21 @@ ROOT = TOOL["ROOT"]
 BUDGETS = {
     "cli": (2196, 20),
     "data": (2335, 28),
-    "estimators": (1836, 18),
+    "estimators": (1834, 18),
     "faults": (2929, 120),
     "formats": (5186, 54),
     "inference": (2208, 94),
-    "mixture": (691, 11),
+    "mixture": (687, 11),
     "numerics": (581, 16),
-    "policies": (1267, 49),
-    "results": (2417, 44),
-    "scale": (594, 20),
-    "segments": (499, 19),
+    "policies": (1251, 49),
+    "results": (2412, 44),
+    "scale": (592, 20),
+    "segments": (492, 19),
     "simulation": (426, 0),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 23_276, 2_069, 24_012
+LINES, PAGE_LINES, TEST_LINES = 23_240, 2_069, 23_982
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0

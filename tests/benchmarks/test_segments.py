@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import segments
+from rpil.segments.ranges import Segments
 
 
 def test_auroc_counts_pairs():
@@ -14,6 +15,12 @@ def test_auroc_counts_pairs():
     pairs = score[bad][:, None] - score[~bad]
     assert segments.auroc(score, bad) == pytest.approx(((pairs < 0) + (pairs == 0) / 2).mean())
     assert np.isnan(segments.auroc(score, np.zeros(40, dtype=bool)))
+
+
+def test_shortfall_is_the_sum_below_the_median():
+    score = np.array([1.0, -2.0, np.nan, -1.0, 3.0])  # the median of the known ones is 0
+    found = Segments(*[np.array([0, 0, 1, 1, 1])] * 4, score, [""] * 5)
+    assert segments.shortfall(found, 3).tolist() == [-2.0, -1.0, 0.0]
 
 
 @pytest.mark.slow

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 
 from audits import make_audit
 from rpil.data.errors import MissingExtraError
-from rpil.results.plots import running_mean
 from rpil.results.vocabulary import COLOURS, SIDES
 
 
@@ -58,7 +57,9 @@ def test_ranking_shows_every_demonstration_in_order_with_its_colour() -> None:
 
 def test_the_running_mean_is_over_a_twentieth() -> None:
     for n, k in ((39, 0), (60, 1)):  # over one value, and over three but at the ends
-        np.testing.assert_allclose(running_mean(np.arange(float(n)))[k : n - k], np.arange(k, n - k))
+        audit = make_audit(("open",), lengths=[n], step_log_ratio=np.arange(float(n)))
+        mean = audit.plot.steps().lines[2].get_ydata()
+        np.testing.assert_allclose(mean[k : n - k], np.arange(k, n - k))
 
 
 def drawn(ax: Axes) -> dict[float, float]:

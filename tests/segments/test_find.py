@@ -17,7 +17,6 @@ from rpil.segments.find import (
     progress,
     reasons_of,
     scores,
-    shortfall,
     taught,
 )
 from rpil.segments.ranges import KINDS, Segments
@@ -100,15 +99,6 @@ def test_sets_without_acts(n, actions):
     assert (found.demonstration.max(), found.end.max()) == (n - 1, 12)
     assert not any(found.reason)
     assert np.isnan(found.score).all()
-    assert shortfall(found, n).tolist() == [0.0] * n
-
-
-def test_shortfall_is_the_sum_below_the_median():
-    _, found, _ = found_in("wrong place")
-    middle = np.nanmedian(found.score)
-    own = [found.score[found.demonstration == m] for m in range(N)]
-    assert np.allclose(shortfall(found, N), [np.minimum(score - middle, 0).sum() for score in own])
-    assert shortfall(replace(found, score=np.full(len(found.score), np.nan)), N).tolist() == [0.0] * N
 
 
 def acts(n=60, seed=0):

@@ -126,13 +126,11 @@ class FitOptions:
             self.cross_fitted(task.space, int(task.source.offsets[-1]))  # refuses an unsuitable estimator
         if not self.judges and (task.demonstrators.informative or self.policy is not None):
             raise DataError("A named adversary knows no demonstrators and no policy of the user; leave out one.")
-        if not self.judges:
-            self.check_answers(task.answers)
+        self.check_answers(task.answers)
 
-    @staticmethod
-    def check_answers(answers: Answers) -> None:
+    def check_answers(self, answers: Answers) -> None:
         """Refuse answers from which a named adversary does not learn."""
-        if len(answers.compared) or answers.has_outcome.any():
+        if not self.judges and (len(answers.compared) or answers.has_outcome.any()):
             raise DataError("A named adversary learns from labels alone; leave out pairs and the outcome.")
 
     def n_sampled_steps(self, task: Task) -> int:
@@ -195,7 +193,7 @@ def decide_by_mixture(data: FitData, features: Features, ids: Sequence[Hashable]
     share = Interval(*result.state.prior.interval(result.posterior.expert))
     audit = summary.audit_from_mixture(data, result, share, ids, settings.audit)
     fitted = FitResult(audit, features, state=result.state, converged=bool(result.converged))
-    return replace(fitted, n_iter=max(1, len(result.history) - 1), lower_bound=result.objective)
+    return replace(fitted, n_iter=max(1, len(result.history) - 1), lower_bound=float(result.history[-1]))
 
 
 def judged_starts(data: FitData, settings: Settings) -> dict[str, Array]:
@@ -273,11 +271,13 @@ def final_policy(task: Task, options: FitOptions, weight: Array) -> tuple[Featur
     every = task.demonstrations
     if options.policy is None:
         return options.linear.fit(every, task.codes(every), weight, task.space)
+    from rpil.policies.cross_fitted import fit_model
+
     features = options.judge_features(every)
     data = task.data(every, features)
     # Cross-fitted again by the final weights: the temperature of the policy comes from held-out steps.
     start, _ = options.cross_fitted(task.space, len(weight)).fit(data, weight)
-    return features, start.fit_all(data, weight)
+    return features, replace(start, models=(fit_model(start, data.features, data.actions, weight),))
 
 
 def fit_sampled(task: Task, options: FitOptions, learns: bool) -> FitResult:

@@ -117,12 +117,11 @@ class Task:
         return FitData(design, codes, demonstrations.offsets, self.space, action_names=names)
 
 
-def with_reference(demonstrations: Demonstrations, reference: Demonstrations) -> Demonstrations:
-    """The `demonstrations`, and after them those of the `reference`; all ids are text, and no two are alike.
+def with_reference(one: Demonstrations, other: Demonstrations) -> Demonstrations:
+    """The demonstrations `one`, and after them the reference, the `other`; all ids are text, and no two are alike.
 
     A `DataError` where the two have other observations or actions.
     """
-    one, other = demonstrations, reference
     missing = [name for name in one.observation_names if name not in other.observation_names]
     more = [name for name in other.observation_names if name not in one.observation_names]
     if missing or more:

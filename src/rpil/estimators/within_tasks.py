@@ -120,8 +120,7 @@ def fit_within_tasks(
     fits, audits = list[tuple[Task, FitResult]](), dict[str, Audit]()
     ids, offsets = list[Hashable](demonstrations.ids), demonstrations.offsets
     options = replace(options, engine=None) if several else options
-    if not options.judges:
-        options.check_answers(stated.answers)
+    options.check_answers(stated.answers)
     for group, rows in places.items():
         if several and len(rows) == 1 and reference is None:
             continue

@@ -58,10 +58,6 @@ class MixtureFit:
     history: Float[Array, " T"]
     converged: bool
 
-    @property
-    def objective(self) -> float:
-        return float(self.history[-1])
-
 
 def e_step(data: FitData, state: State, outputs: Float[Array, "N ..."]) -> Posterior:
     """Posterior of the demonstrations, where the policy has these `outputs`."""

@@ -49,7 +49,7 @@ def fit_mixture(
         return _first_iterations(data, settings, which, weight)
 
     def rank(result: MixtureFit) -> tuple[int, float]:
-        return _contradicted_labels(data, settings, result), -result.objective
+        return _contradicted_labels(data, settings, result), -float(result.history[-1])
 
     best = min(in_parallel(begin, starts(data, settings).items(), data.features), key=rank)
     if best.converged:

@@ -57,7 +57,7 @@ class ClassifierPolicy:
     temperature: float = 1.0
     """Both are chosen by `fit`."""
     models: tuple[Estimator, ...] = ()
-    """One for each fold of demonstrations, or the one of `fit_all`."""
+    """One for each fold of demonstrations, or one for all."""
 
     def outputs(self, features: Num[Array, "N D"]) -> Float[Array, "N K"]:
         """log pi(k|s), where p is the mean over the models."""
@@ -73,9 +73,6 @@ class ClassifierPolicy:
         tried = [replace(self, temperature=t, lapse=p) for t in settings.temperatures for p in settings.lapses]
         best = max(tried, key=lambda policy: float(weight @ at_actions(policy._log_proba(proba), data.actions)))
         return replace(best, models=models), best._log_proba(proba)
-
-    def fit_all(self, data: FitData, weight: Float[Array, " N"]) -> ClassifierPolicy:
-        return replace(self, models=(_fit_model(self, data.features, data.actions, weight),))
 
     def _predict(self, model: Estimator, features: Array) -> Array:
         """Probabilities of all K actions, 0 for those that a model was not fitted to."""
@@ -108,7 +105,7 @@ class RegressorPolicy:
     """The distribution of the errors."""
     settings: CrossFitSettings
     models: tuple[Estimator, ...] = ()
-    """One for each fold of demonstrations, or the one of `fit_all`."""
+    """One for each fold of demonstrations, or one for all."""
 
     def outputs(self, features: Num[Array, "N D"]) -> Float[Array, "N A"]:
         """The mean over the models."""
@@ -126,9 +123,6 @@ class RegressorPolicy:
         errors = FitData.from_steps(np.ones((len(mean), 1)), data.actions - mean, data.space)
         noise, _ = replace(self.noise, weights=np.zeros_like(self.noise.weights)).fit(errors, weight, tol=1e-6)
         return replace(self, models=models, noise=noise), mean + noise.weights
-
-    def fit_all(self, data: FitData, weight: Float[Array, " N"]) -> RegressorPolicy:
-        return replace(self, models=(_fit_model(self, data.features, data.actions, weight),))
 
     def _predict(self, model: Estimator, features: Array) -> Array:
         return np.asarray(model.predict(features).reshape(-1, self.noise.weights.shape[1]))
@@ -172,16 +166,14 @@ def cross_fitted_policy(
     return ClassifierPolicy(estimator, space.n, settings, settings.lapses[0])
 
 
-def _cross_fit(
-    policy: ClassifierPolicy | RegressorPolicy, data: FitData, weight: Array
-) -> tuple[tuple[Estimator, ...], Array]:
+def _cross_fit(policy: CrossFittedPolicy, data: FitData, weight: Array) -> tuple[tuple[Estimator, ...], Array]:
     """A model for each fold of demonstrations, fitted to the other folds, and its predictions for the fold, (N, O)."""
     models, n_folds = [], policy.settings.n_folds
     units = data if data.n_demonstrations > 1 else pieces(data, n_folds)
 
     def predict(_: int, test: Array) -> Array:
         train = ~test if not test.all() else test  # an only step
-        models.append(_fit_model(policy, data.features[train], data.actions[train], weight[train]))
+        models.append(fit_model(policy, data.features[train], data.actions[train], weight[train]))
         return policy._predict(models[-1], data.features[test])
 
     fold = deal(units, min(n_folds, units.n_demonstrations), seed=0)
@@ -189,7 +181,8 @@ def _cross_fit(
     return tuple(models), predictions
 
 
-def _fit_model(policy: ClassifierPolicy | RegressorPolicy, features: Array, actions: Array, weight: Array) -> Estimator:
+def fit_model(policy: CrossFittedPolicy, features: Array, actions: Array, weight: Array) -> Estimator:
+    """The estimator of a policy, fitted to all steps but those of the least weight."""
     from sklearn.base import clone
     from sklearn.dummy import DummyClassifier
 

@@ -19,10 +19,7 @@ from rpil.numerics.regression import robust_scale
 from rpil.numerics.types import Array, Float, Int, Num
 
 FEATURE_KINDS = ("raw", "folded", "nystroem")
-"""The kinds of feature maps."""
-
-FEATURES = ("auto", *FEATURE_KINDS)
-"""Names that the estimators accept; "auto" chooses among the kinds, see `rpil.policies.selection`."""
+"""The kinds of feature maps, among which "auto" chooses, see `rpil.policies.selection`."""
 
 DESIGN_BLOCK_ROWS = 1024
 """Rows of a design matrix that are computed at a time, so that intermediate arrays stay in cache."""
@@ -109,7 +106,7 @@ class FeatureMap:
             If there is no such kind, or an observation cannot be squared.
         """
         if kind not in FEATURE_KINDS:
-            raise DataError(f"There are no features called {kind!r}; choose {', '.join(FEATURES)}.")
+            raise DataError(f"There are no features called {kind!r}; choose {', '.join(('auto', *FEATURE_KINDS))}.")
         observations = np.asarray(observations, dtype=float)
         check_squares([observations.min(axis=0), observations.max(axis=0)], "Observation")
         bound = None if offsets is None else settings.bound

@@ -100,16 +100,10 @@ def choose_features(
     n = observations.shape[1]
     sizes = {"raw": n, "folded": 2 * n, "nystroem": 2 * n + settings.maps.n_landmarks}
     kinds = [kind for kind, size in sizes.items() if kind == "raw" or size <= settings.max_columns]
-    return _weakest_ridge([candidate for kind in kinds for candidate in candidates(kind)], sample.trust)
-
-
-def _weakest_ridge(candidates: list[_Candidate], trust: Array) -> FeatureChoice:
-    """The choice of the best kind with the weakest ridge that is as accurate as the best one."""
-    kind = max(candidates, key=lambda candidate: candidate.value).choice.kind
-    of_kind = [candidate for candidate in candidates if candidate.choice.kind == kind]
-    best = max(of_kind, key=lambda candidate: float(np.average(candidate.accuracy, weights=trust)))
-    as_good = (candidate.choice for candidate in of_kind if _is_as_good(candidate, best, trust))
-    return min(as_good, key=lambda choice: choice.ridge)
+    of_kind = max(map(candidates, kinds), key=lambda own: max(candidate.value for candidate in own))
+    best = max(of_kind, key=lambda candidate: float(np.average(candidate.accuracy, weights=sample.trust)))
+    as_good = (candidate.choice for candidate in of_kind if _is_as_good(candidate, best, sample.trust))
+    return min(as_good, key=lambda choice: choice.ridge)  # the weakest one that is as accurate as the best one
 
 
 def _sample(data: FitData, weight: Array, settings: SelectionSettings) -> _Sample:

@@ -13,7 +13,7 @@ import numpy as np
 
 from rpil.data.errors import optional
 from rpil.data.text import printable
-from rpil.numerics.types import Array, Float, Int
+from rpil.numerics.types import Array, Int
 from rpil.results.reasons import worst_steps
 from rpil.results.result import AuditResult
 from rpil.results.vocabulary import COLOURS, SIDES
@@ -56,7 +56,8 @@ class AuditPlots:
         ax, lowest = _axes(ax, (9.0, 2.8)), int(self.audit.ranking()[-1])
         index = lowest if demonstration is None else self.audit.index(demonstration)
         ratio = self.audit.step_log_ratio[self.audit.steps(index)]
-        steps, marks, mean = np.arange(len(ratio)), worst_steps(ratio), running_mean(ratio)
+        steps, marks, window = np.arange(len(ratio)), worst_steps(ratio), np.ones(max(len(ratio) // 20, 1))
+        mean = np.convolve(ratio, window, "same") / np.convolve(np.ones(len(ratio)), window, "same")  # fewer at ends
         ax.plot(steps, ratio, ".", color=COLOURS["open"], markersize=3, alpha=0.6)
         ax.axhline(0, color=COLOURS["open"], linewidth=0.8)
         for colour, side in ((COLOURS["upper"], mean >= 0), (COLOURS["lower"], mean <= 0)):
@@ -111,9 +112,3 @@ def _dots(ax: Axes, audit: AuditResult, order: Int[Array, " M"], x: Array, y: Ar
             label = f"{verdict} ({mask.sum()})"
             ax.plot(x[mask], y[mask], "o", color=COLOURS[SIDES[verdict]], markersize=4.5, label=label)
     ax.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=6, frameon=False, handletextpad=0.2)
-
-
-def running_mean(values: Float[Array, " N"]) -> Float[Array, " N"]:
-    """Centred running mean over a twentieth of the values, over fewer at both ends."""
-    window = np.ones(max(len(values) // 20, 1))
-    return np.asarray(np.convolve(values, window, "same") / np.convolve(np.ones(len(values)), window, "same"))

@@ -44,11 +44,11 @@ class DesignMap:
     classes: Array
     """The discrete actions, or an empty array."""
 
-    def __call__(self, block: Block) -> tuple[Block, FitData]:
+    def __call__(self, block: Block) -> FitData:
         codes = encode_actions(self.classes, block.actions, "the demonstrations")
         # Parquet is read by columns; in the order of rows, sums round as they do in memory.
         design = self.features.design(np.ascontiguousarray(block.observations), single=True)
-        return block, FitData(design, codes, block.offsets, self.space)
+        return FitData(design, codes, block.offsets, self.space)
 
 
 class BlockScores(NamedTuple):
@@ -68,11 +68,9 @@ class BlockScores(NamedTuple):
     log_ratio: Array
 
 
-def score_block(
-    prepared: tuple[Block, FitData], policies: tuple[Ratio, ...], states: StateScale, settings: JudgeSettings
-) -> BlockScores:
+def score_block(data: FitData, policies: tuple[Ratio, ...], states: StateScale, settings: JudgeSettings) -> BlockScores:
     """Score the demonstrations of a block by `policies_of_sample`."""
-    data, (ratio, *parts) = prepared[1], policies
+    ratio, *parts = policies
     log_prob, log_ratio = ratio.step_ratios(data.features, data.actions, settings.held_out)
     actions = indicators(data, ratio.scaling)
     own = own_log_prob(data, actions, settings.held_out.errors)
@@ -149,7 +147,7 @@ class WeightedMap:
     """Weight of each demonstration (`rpil.results.step_weights`)."""
 
     def __call__(self, block: Block) -> WeightedBlock:
-        _, data = self.design(block)
+        data = self.design(block)
         return WeightedBlock(data.features, data.actions, data.per_step(self.trust[block.demonstrations]))
 
 

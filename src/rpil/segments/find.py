@@ -238,13 +238,6 @@ def without_idle(found: Segments, idle: Bool[Array, " N"], offsets: Int[Array, "
     )
 
 
-def shortfall(segments: Segments, n: int) -> Float[Array, " M"]:
-    """How far the segments of each of `n` demonstrations lie below the median one, as a negative sum."""
-    known = np.isfinite(segments.score)
-    below = np.minimum(segments.score[known] - np.median(segments.score[known]), 0.0) if known.any() else None
-    return np.bincount(segments.demonstration[known], below, n).astype(float)
-
-
 def progress(
     after: Float[Array, "N C"],
     before: Float[Array, "N C"],
