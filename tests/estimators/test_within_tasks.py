@@ -170,16 +170,6 @@ def test_data_on_disk(both, judged):
     assert len(one_task.audit_.ids) == 22
 
 
-def test_who_is_called_bad_has_no_weight_in_a_task_without_a_good_one_either(both):
-    labels = {0: "good", 1: "good", 10: "bad", 100: "bad", 101: "bad"}
-    audit = rpil.audit(both, labels=labels, settings=FAST)
-    mean = np.add.reduceat(audit.step_weight, audit.offsets[:-1]) / audit.lengths
-    assert audit.step_weight.mean() == pytest.approx(1)
-    assert max(mean[audit.ids.index(name)] for name in (10, 100, 101)) < 1e-3
-    one_side = rpil.audit(both, labels={100: "bad", 101: "bad"}, settings=FAST)
-    np.testing.assert_array_equal(one_side.step_weight, 1.0)
-
-
 RNG = np.random.default_rng(0)
 
 
