@@ -27,7 +27,7 @@ BUDGETS = {
     "inference": (2208, 94),
     "mixture": (687, 11),
     "numerics": (581, 16),
-    "policies": (1251, 49),
+    "policies": (1248, 49),
     "results": (2412, 44),
     "scale": (592, 20),
     "segments": (492, 19),
@@ -35,7 +35,7 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 23_240, 2_069, 23_972
+LINES, PAGE_LINES, TEST_LINES = 23_237, 2_069, 23_971
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0

@@ -75,7 +75,7 @@ def test_contrasting_answers_that_agree_with_the_parts_say_which_one_is_good(ans
         {"labels": [1, 0, 0, -1], "pairs": [(4, 2)]},
         {"labels": [1, 0, 0, -1], "part": [0] * 6},
         {"outcome": FLAGS},
-        {"labels": [1, 0, 0, -1], "task_of": np.array([0, 0, 0, 1, 1, 1])},  # each task has parts of its own
+        {"labels": [1, 0, 0, -1], "task_of": np.arange(6) // 3},  # each task has parts of its own
     ],
 )
 def test_answers_that_predict_others_in_another_way_weigh_by_p_good(answers):
@@ -88,10 +88,7 @@ def test_answers_that_predict_others_in_another_way_weigh_by_p_good(answers):
     [
         ({"labels": [1, 1]}, BETTER),
         ({"labels": [1], "tied": [(3, 4)]}, BETTER),
-        (
-            {"labels": [1, -1, 0, 1, -1], "part": (1, -1, 1, -1, 1, -1), "task_of": np.array([0, 0, 0, 1, 1, 1])},
-            [1, 0, 1, 1, 0, 1],
-        ),
+        ({"labels": [1, -1, 0, 1, -1], "part": (1, -1) * 3, "task_of": np.arange(6) // 3}, [1, 0, 1, 1, 0, 1]),
         ({"outcome": [0, 0, np.nan, np.nan, np.nan, np.nan]}, [0, 0, 1, 0, 0, 0]),
         ({"outcome": [0, 1, 1, 1, 1, 1]}, [0, 1, 1, 0, 0, 0]),  # flags do not turn the parts
         ({"labels": [-1, -1, -1], "part": [1, 1, 1, -1, -1, -1]}, PROBA.tolist()),  # nobody else is trusted

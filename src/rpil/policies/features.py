@@ -113,7 +113,9 @@ class FeatureMap:
         location, spread = _location_and_spread(observations, weight, offsets)
         if bound is not None:
             observations = _cut_off(observations, location, spread, bound)
-        folds = np.array([float(_has_three_values(column)) for column in observations.T])
+        # Whether what is not the first value of a column has two values.
+        are_more = [(own != own[:1]).any() for column in observations.T for own in [column[column != column[0]]]]
+        folds = np.array(are_more, dtype=float)
         landmarks, mixing = np.empty((0, len(folds) + int(folds.sum()))), np.empty((0, 0))
         if kind == "nystroem":
             landmarks = _landmarks(_fold((observations - location) / spread, folds), settings)
@@ -170,11 +172,6 @@ def _standardised(values: Array, center: Array, scale: Array) -> Array:
 
 def _fold(z: Array, folds: Array) -> Array:
     return np.hstack([z, np.abs(z[:, folds > 0])])
-
-
-def _has_three_values(column: Array) -> bool:
-    others = column[column != column[0]]
-    return bool((others != others[:1]).any())
 
 
 def _landmarks(folded: Array, settings: FeatureSettings) -> Array:
