@@ -10,14 +10,17 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 
 from answer_draws import answered, drawn, mean, rest_of
 from claims import Row, auroc
 from rpil.data.fit_data import Demonstrators
+from rpil.inference import answered as inference
 from rpil.inference.answered import Answered
 from rpil.inference.answers import Answers
+from rpil.inference.channels import CHANNELS
 from rpil.results.tasks import widened
 from worlds import Array
 
@@ -86,7 +89,7 @@ FAMILIES = ("metaworld", "overcooked")
 
 def by_tasks(sets: list[Row], draws: int, count: int) -> list[Row]:
     """Random labels of tasks of one family, of a set in three sessions, and of three sets that have nothing in common,
-    judged together and each by itself; and by a coin, together."""
+    judged together and each by itself, and together without a rule; and by a coin, together."""
     rng, rows = np.random.default_rng(0), list[Row]()
     families = [[audit for audit in sets if audit["name"].startswith(name)] for name in FAMILIES]
     parts = [[of_part(audit, k) for k in range(3)] for audit in sets]
@@ -123,7 +126,22 @@ def in_tasks(audit: Row, chosen: Array, rng: np.random.Generator) -> dict[str, A
         own = answered({"columns": audit["columns"][rows]}, answers.select(rows.tolist()))
         log_odds[rows], verdicts[rows] = own.log_odds, own.verdicts
     alone = replace(every, log_odds=log_odds, verdicts=verdicts)
-    return {"together": every, "each by itself": alone, "together, a coin": by_coin}
+    rules = {"one trust": ("trust_in_tasks", one_trust), "no weights of their own": ("with_tasks", shared_columns)}
+    found = {"together": every, "each by itself": alone, "together, a coin": by_coin}
+    for name, (rule, instead) in rules.items():
+        with patch.object(inference, rule, instead):
+            found[name] = answered(audit, answers, task_of=task)
+    return found
+
+
+def one_trust(trust: float, of_answer: Array, right: Array, task: Array, least: float) -> Array:
+    """The trust in all answers, in tasks that have answers."""
+    return np.where(np.isin(task, of_answer), trust, least)
+
+
+def shared_columns(columns: Array, *_: object) -> Array:
+    """The channels and the group, which all tasks share."""
+    return np.column_stack([columns[:, : len(CHANNELS)], columns[:, -1]])
 
 
 def truly(good: Array, chosen: Array) -> Answers:
