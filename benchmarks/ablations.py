@@ -75,7 +75,7 @@ ANSWERS: dict[str, AnswerSettings] = {
     RANKS: AnswerSettings(),
     "fixed places alone (max_lead 99)": AnswerSettings(max_lead=99),
     "precision 4": AnswerSettings(precision=4.0),
-    "min_proba .77": AnswerSettings(min_proba=0.77),
+    "full_trust .7": AnswerSettings(full_trust=0.7),
     "min_proba .9": AnswerSettings(min_proba=0.9),
 }
 

@@ -59,22 +59,27 @@ def by_one_side(sets: list[Row], draws: int, k: int, side: int) -> list[Row]:
     return [*rows, {"what": f"{k} good alone: called bad", "figure": f"{n_bad}"}] if side > 0 else rows
 
 
-def by_coin(audits: list[Row], draws: int, count: int) -> list[Row]:
-    """Labels by a coin: verdicts on the others, in sets with bad ones and where nobody is bad."""
-    rows = []
+def by_coin(audits: list[Row], draws: int, count: int, as_asked: bool = False) -> list[Row]:
+    """Labels by a coin, of random demonstrations or of those that are asked for: verdicts on the others, in sets with
+    bad ones and where nobody is bad."""
+    rows, way = [], " as asked" if as_asked else ""
     for kind in dict.fromkeys(audit["kind"] for audit in audits):
         shares = []
         for audit in audits:
             n = len(audit["good"])
-            if audit["kind"] == kind and count <= n / 2:
-                for draw in range(draws):
-                    rng = np.random.default_rng(draw)
+            for draw in range(draws if audit["kind"] == kind and count <= n / 2 else 0):
+                rng, labels = np.random.default_rng(draw), np.zeros(n, dtype=int)
+                if as_asked:
+                    for coin in rng.choice([1, -1], count):
+                        labels[next_asked(audit, labels, [])] = coin
+                else:
                     chosen = rng.choice(n, count, replace=False)
-                    verdicts = labelled(audit, chosen, rng.choice([1, -1], count)).verdicts
-                    shares.append((np.delete(verdicts, chosen) != 0).mean())
+                    labels[chosen] = rng.choice([1, -1], count)
+                verdicts = answered(audit, Answers.of_labels(labels)).verdicts
+                shares.append((verdicts[labels == 0] != 0).mean())
         if shares:
             figure = f"{np.mean(shares):.1%} of the others have one; at most {max(shares):.0%} of a draw"
-            rows.append({"what": f"{kind}: {count} labels by a coin: verdicts", "figure": figure})
+            rows.append({"what": f"{kind}: {count} labels{way} by a coin: verdicts", "figure": figure})
     return rows
 
 

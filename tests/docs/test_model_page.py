@@ -28,7 +28,7 @@ def test_constants_of_answers_are_those_of_the_judge():
     answers = settings.AnswerSettings()
     assert f"are wrong at the rate $e$ = {short(answers.error)}." in FLAT
     assert f"$w_0$ is {short(answers.by_ranking)} on the ranking, {short(answers.by_group)} on the group" in FLAT
-    assert f"$\\Lambda$ is {short(answers.precision)}, and {short(answers.offset_precision)} on the offset" in FLAT
+    assert f"0 elsewhere; $\\Lambda$ is {short(answers.precision)}. " in FLAT
     assert f"one kind leads by {'two' if answers.max_lead == 2 else answers.max_lead}" in FLAT
     assert f"{short(answers.rare_place)} from the end of the other kind" in FLAT
     *places, last = map(short, answers.asked_places)

@@ -26,8 +26,8 @@ from rpil.inference.witnesses import (
 
 NAN, SETTINGS = np.nan, AnswerSettings()
 SURE = logit(1 - SETTINGS.error)
-ONE_SIDED, ANCHOR = np.array([0.25, NOTHING, NOTHING, NOTHING]), np.array([0.0, 0.8, 0.0, 0.5])
-WIDE = np.array([0.25, 1.0, 1.0, 1.0])
+ONE_SIDED, ANCHOR = np.array([1.0, NOTHING, NOTHING, NOTHING]), np.array([0.0, 0.8, 0.0, 0.5])
+WIDE = np.ones(4)
 
 
 def made(labels=(), pairs=(), tied=(), strength=SURE, seed=0, m=14):

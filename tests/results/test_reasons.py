@@ -51,7 +51,7 @@ def test_reason_names_the_stretch_of_the_audit() -> None:
 
 
 def test_reason_of_an_open_one_is_true_of_high_and_of_low_log_odds() -> None:
-    limit = float(np.log(0.85 / 0.15))  # of the verdict good
+    limit = float(np.log(0.95 / 0.05))  # of the verdict good
     log_odds = np.array([limit + 0.01, limit - 0.01, 0.01 - limit, -0.01 - limit])
     audit = make_audit(
         ("open",) * 4, log_odds=log_odds, anchor="answers", finding="answered", **NO_STRETCH | {"lengths": [10] * 4}

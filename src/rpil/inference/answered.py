@@ -91,7 +91,8 @@ def answer(
         in_task = trust_in_tasks(trust, of_rows[answered][told], right[told], task, settings.min_trust)
     both = is_contrast(evidence, n_pairs)
     by_columns = regression(rows, total, n_pairs, settings, slice(len(first)))
-    log_odds = (settings.sharpness * in_task if both else task >= 0) * by_columns + by_witnesses
+    factor = settings.sharpness * np.minimum(in_task / settings.full_trust, 1.0) ** 2 if both else task >= 0
+    log_odds = factor * by_columns + by_witnesses
     follows = once.contrast and (trust > settings.min_trust if both else any(witnesses.heard))
     limit = logit(settings.min_proba) if follows else np.inf
     verdicts = (log_odds >= limit).astype(int) - (log_odds <= -limit)

@@ -128,6 +128,7 @@ class ChannelSettings:
     by_group="[0, inf)",
     demonstrator_scale="[0, inf)",
     sharpness="(0, inf)",
+    full_trust="(0, 1]",
     min_trust="(0, 1)",
     min_proba="(0.5, 1)",
     error="(0, 0.5)",
@@ -145,9 +146,7 @@ class AnswerSettings:
     by_group: float = 0.5
     """Prior means of the weights of the ranking and of the group of scores; those of all other columns are 0."""
     precision: float = 1.0
-    """Prior precision of the weight of a column."""
-    offset_precision: float = 0.25
-    """Precision of the offset."""
+    """Prior precision of each weight and of the offset."""
     demonstrator_scale: float = 1.4
     """Scale of the columns of demonstrators; 0: they count for nothing."""
     error: float = 0.02
@@ -158,11 +157,13 @@ class AnswerSettings:
     """Demonstrations that this prior is worth."""
     max_levels: int = 3
     """Different values of a witness; of more, as many quantiles."""
-    sharpness: float = 4.0
-    """Factor of the log-odds by columns where answers predict each other without a doubt."""
+    sharpness: float = 3.1
+    """Factor of the log-odds by columns where answers predict each other."""
+    full_trust: float = 0.35
+    """Trust from which this factor is full; below, it falls with the square of the trust."""
     min_trust: float = 0.05
     """Share of the log-odds that stays where answers do not predict each other: the order."""
-    min_proba: float = 0.85
+    min_proba: float = 0.95
     """P(good) from which a demonstration is good, and 1 - P from which it is bad."""
     min_proba_bound: float = 1e-6
     """P(good) stays so far from 0 and 1."""

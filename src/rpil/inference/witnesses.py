@@ -50,7 +50,6 @@ def regression(
     """
     anchor, precision = np.zeros(rows.shape[1]), np.full(rows.shape[1], float(settings.precision))
     anchor[1], anchor[-1] = settings.by_ranking, settings.by_group
-    precision[0] = settings.offset_precision
     if not is_contrast(evidence, n_pairs):
         precision[1:] = NOTHING
     known = evidence != 0
