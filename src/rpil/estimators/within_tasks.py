@@ -257,7 +257,7 @@ def audit(
     labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, sequence of such pairs, or path, optional
         Answers about demonstrations, or about rows by (id, start, end), which are good or bad; a path is a CSV file
         (id,label, and perhaps start,end).
-    outcome : str or several, mapping of id to number, or sequence of M numbers, optional
+    outcome : str or several, mapping or series of id to number, or sequence of M numbers, optional
         How each ended: a column, "length", a CSV file (id,value), or numbers. More is better; with a minus before the
         name less is better. A flag of 0 is bad unless others outweigh it. rpil learns how reliable each of several is.
     random_state : int
