@@ -1,6 +1,7 @@
 """Which column holds what: by name and type, and as the user says."""
 
 import time
+from pathlib import Path
 
 import pytest
 
@@ -54,14 +55,8 @@ def test_every_column_has_a_role_or_a_reason():
     columns = found([*BASE, "step", "time", *kinds, "reward", "session", "rate"], kinds, exclude="ra*")
     assert columns.observations == ("x", "v")
     assert columns.orders == ("step", "time")
-    assert columns.ignored == {
-        "note": "text",
-        "image": "images or nested values",
-        "blank": "no values",
-        "reward": "reward, end or verdict",
-        "session": "another id",
-        "rate": "excluded as asked",
-    }
+    reasons = {"note": "text", "image": "images or nested values", "blank": "no values", "session": "another id"}
+    assert columns.ignored == reasons | {"reward": "reward, end or verdict", "rate": "excluded as asked"}
     columns = found(["episode", "obs_x", "height", "action"])  # a prefix leaves out the others
     assert columns.observations == ("obs_x",)
     assert columns.ignored["height"] == "not named as an observation, as obs_x is"
@@ -72,7 +67,10 @@ def test_every_column_has_a_role_or_a_reason():
     [
         ({"id": "run"}, "no column is called 'run'; correct id= .found 'episode'"),
         ({"action": "acton"}, "no column is called 'acton'; correct action= .found 'action'"),
-        ({"order": "*"}, "order needs one column, but 'episode', 'x', 'v', 'action' are called"),
+        ({"order": "*"}, "'\\*' names 'episode', 'x', 'v', 'action'; name one column with order="),
+        ({"outcome": "x,v"}, "'x,v' names 'x', 'v'; name one column with outcome="),
+        ({"id": ["episode", "run"]}, r"id= is \['episode', 'run'\]; give one name, as text"),
+        ({"operator": Path("who.csv")}, r"operator= is PosixPath\('who.csv'\); give one name, as text"),
         ({"exclude": ["x", "v"]}, "no column holds observations: name them observation.*"),
         ({"action": "v", "observations": "x,v"}, "'v' is part of the action already; take it out of observations="),
         ({"id": "episode", "observations": "*"}, "'episode' is the id already; take it out of observations="),
