@@ -53,8 +53,7 @@ def test_what_is_no_observation_unless_it_is_named():
 def test_every_column_has_a_role_or_a_reason():
     kinds = {"note": "text", "image": "nested", "blank": "empty"}
     columns = found([*BASE, "step", "time", *kinds, "reward", "session", "rate"], kinds, exclude="ra*")
-    assert columns.observations == ("x", "v")
-    assert columns.orders == ("step", "time")
+    assert (columns.observations, columns.orders) == (("x", "v"), ("step", "time"))
     reasons = {"note": "text", "image": "images or nested values", "blank": "no values", "session": "another id"}
     assert columns.ignored == reasons | {"reward": "reward, end or verdict", "rate": "excluded as asked"}
     columns = found(["episode", "obs_x", "height", "action"])  # a prefix leaves out the others
@@ -92,8 +91,7 @@ def test_names_may_be_patterns_a_text_with_commas_or_in_another_case():
 def test_other_ids_may_be_needed_to_tell_demonstrations_apart(other):
     assert found([*BASE, other]).parts == (other,)
     named_by_user = found([*BASE, other], id="episode")
-    assert named_by_user.parts == ()
-    assert named_by_user.observations == ("x", "v")
+    assert (named_by_user.parts, named_by_user.observations) == ((), ("x", "v"))
 
 
 def test_forty_thousand_columns_take_seconds():
