@@ -53,7 +53,7 @@ def test_demonstrators_are_grouped_by_id_or_in_order():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"d": "Ann"}, "no demonstration is called 'd'"),
+        (pd.Series("Ann", [*"dad"]), "no demonstration is called 'd'; the ids are"),
         (pd.Series("Ann", [*"abcc"]), "a demonstration has two values; correct the demonstrators"),
         (["Ann", "\ud800", "Bob"], "demonstration 'b': the demonstrator must be .* characters of Unicode"),
         (["Ann"], r"shape \(1,\); give one for each of the 3"),

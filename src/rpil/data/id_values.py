@@ -71,7 +71,7 @@ _OF_ROWS = {"start", "end", "from", "to", "begin", "stop", "start_row", "end_row
 def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what: str) -> None:
     """A `DataError` naming the first `names` that are no ids, compared as text, and `what` is to be corrected."""
     texts = dict.fromkeys(map(str, ids))
-    unknown = [str(name) for name in names if str(name) not in texts]
+    unknown = dict.fromkeys(str(name) for name in names if str(name) not in texts)
     if unknown:
         wrong, right = quoted(unknown, 5), quoted(texts, 5)
         raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct {what}.")
