@@ -60,8 +60,7 @@ def _line(recording: Recording | None, name: Hashable, first: int = 0) -> tuple[
     row, sizes = recording.steps.offsets[ids.index(name)] + first, recording.steps.sizes
     number, ends = int(recording.steps.numbers(np.array([row]))[0]), np.cumsum([0, *sizes.values()])
     k = int(np.searchsorted(ends, number, side="right")) - 1 if sizes else 0
-    is_text = recording.description.source.lower().endswith(TEXT_SUFFIXES)
-    return number - int(ends[k]) + 1 + is_text, [*sizes, ""][k]
+    return number - int(ends[k]) + 1 + recording.description.source.lower().endswith(TEXT_SUFFIXES), [*sizes, ""][k]
 
 
 def of_audit(audit: Audit, recording: Recording) -> list[Numbered]:
