@@ -91,7 +91,7 @@ class ColumnOptions:
         if self.memory is not None:
             parse_size(self.memory)  # an error where it is none
         for option in ("id", "order", "operator", "task", "session"):
-            if not isinstance(name := getattr(self, option) or "", str):
+            if not isinstance(name := getattr(self, option), str | None):
                 raise DataError(f"--{option} is {name!r}; give one name, as text.")
         for option, seconds in (("--split-gap", self.split_gap), ("--segment", self.segment)):
             if seconds is not None and not 0 < seconds < float("inf"):
