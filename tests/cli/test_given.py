@@ -57,15 +57,14 @@ def test_several_outcomes_are_witnesses_in_each_task_and_one_that_the_others_tur
     grades = {m: 5 - 2 * (m in bad) if m < 24 else 7 for m in range(48)}
     Path("grade.csv").write_text("id,value\n" + "".join(f"{m},{grade}\n" for m, grade in grades.items()))
     Path("l.csv").write_text("id,label\n0,bad\n1,good\n24,bad\n25,good\n")
-    one = audited(data, "--outcome", "next.success", "--outcome", "-retries", "--outcome", "grade.csv")
+    names = [word for name in ("next.success", "-retries", "grade.csv") for word in ("--outcome", name)]
+    one, twice = audited(data, *names), audited(data, *names, *names)
+    assert not any("Your answers" in sentence for sentence in one["assumptions"])
     assert {row["id"] for row in one["demonstrations"] if row["verdict"] == "bad"} == bad
-    twice = audited(
-        data, *(word for name in ("next.success", "-retries", "grade.csv") * 2 for word in ("--outcome", name))
-    )
     assert twice["demonstrations"] == one["demonstrations"]
     turned = rpil.audit(data, outcome=["next.success", "grade.csv", "retries"], labels="l.csv", observations="x,v")
     assert {m for m, verdict in enumerate(turned.verdicts) if verdict == "bad"} == bad
-    assert turned.doubts == ("The outcome retries contradicts the other answers: less of it counts as better.",)
+    assert turned.doubts == ("The outcome retries contradicts what else is known: less of it counts as better.",)
     known = turned.answers
     assert known.names == ("grade", "next.success", "retries")
     np.testing.assert_array_equal(known.outcomes[:, 0], [*grades.values()])

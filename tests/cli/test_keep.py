@@ -102,6 +102,8 @@ def test_faults_that_are_named_are_rejected():
     refused("the rules are", "audit", data, "--keep", "n.json", "--without-faults", "jump,all")
     said = ok(*call_of, "k.parquet", "--without-faults", "dropped frames,jump").stderr
     assert re.fullmatch(r"note: --without-faults: dropped frames was not checked, because [^\n]+\.\n", said)
+    labels(**{f"_{m}": "bad" for m in {*range(MANY)} - faulty})
+    refused("name fewer faults, or change labels", *call_of, "n.parquet", "--without-faults", "jump")
 
 
 def test_a_share_is_of_demonstrations_that_have_a_number():

@@ -155,6 +155,7 @@ def changed(array, row, column, value):
         ({"ids": ["a", "a"]}, "demonstration 'a' appears twice"),
         ({"ids": [0.5, 1]}, "all whole numbers or all text"),
         ({"ids": ["a"]}, "1 ids for 2 demonstrations"),
+        ({"action_kind": "classes"}, "the actions are whole numbers, which cannot be classes; leave out"),
         ({"observation_names": ["u"]}, "name each of the 2"),
         ({"observation_names": ["u", "u"]}, "no two alike"),
     ],

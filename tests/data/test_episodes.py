@@ -76,7 +76,7 @@ def test_parts_of_observations_become_named_columns(observations, names):
         (({}, Y), "demonstration 1: 0 observations but 4 actions|there are no observations"),
         ((X, Y), "demonstration 1: its names differ"),
         (([{"a": X[0]}, {"a": X[0]}], Y[:2]), "observations must be a rectangular array of numbers"),
-        ({"observation": 1, "action": 0}, "no steps"),
+        ({"observation": 1, "action": 0}, "no steps; give arrays with a row for each, or leave it out"),
         (None, "one pair"),
         ([{"observation": x, "action": 0} for x in X[:2]], "one pair"),
     ],

@@ -1,6 +1,7 @@
 """The data of one fit, by demonstration."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from rpil.data.demonstrations import Demonstrations
@@ -39,10 +40,10 @@ def test_demonstrators_inform_only_where_two_or_more_gave_two_or_more():
 
 
 def test_demonstrators_are_grouped_by_id_or_in_order():
-    for given in ({"a": "Ann", "c": "Ann", "b": 7}, ["Ann", 7, "Ann"], np.array(["Ann", "7", "Ann"])):
-        groups = group_by_demonstrator(given, GIVEN)
-        assert groups.index.tolist() == [0, 1, 0]
-        assert groups.index.tolist() == [0, 1, 0]
+    """A series of pandas names ids, unless its index counts."""
+    series = pd.Series([7, "Ann", "Ann"], ["b", "c", "a"]), pd.Series(["Ann", 7, "Ann"])
+    for given in ({"a": "Ann", "c": "Ann", "b": 7}, ["Ann", 7, "Ann"], np.array(["Ann", "7", "Ann"]), *series):
+        assert group_by_demonstrator(given, GIVEN).index.tolist() == [0, 1, 0]
     assert group_by_demonstrator({"a": "Ann", "c": "Ann"}, GIVEN).names == ("Ann", None)
     assert not group_by_demonstrator(None, GIVEN).informative
     with pytest.warns(UserWarning, match=r"x\.npz: One demonstrator, 'Ann', gave all"):
@@ -52,7 +53,8 @@ def test_demonstrators_are_grouped_by_id_or_in_order():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"d": "Ann"}, "no demonstration is called 'd'"),
+        (pd.Series("Ann", [*"dad"]), "no demonstration is called 'd'; the ids are"),
+        (pd.Series("Ann", [*"abcc"]), "a demonstration has two values; correct the demonstrators"),
         (["Ann", "\ud800", "Bob"], "demonstration 'b': the demonstrator must be .* characters of Unicode"),
         (["Ann"], r"shape \(1,\); give one for each of the 3"),
     ],

@@ -3,6 +3,7 @@
 import csv
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from asked import read_answers
@@ -38,23 +39,12 @@ def test_labels_csv(tmp_path, header):
     assert parse_answers(label_rows({"b": "ADVERSARY", 7: "Expert"}), "")[0] == {"b": "bad", "7": "good"}
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "match"),
-    [
-        ("l.csv", "id,label\n7,great\n", "'7': unknown label 'great'; write 'good', 'bad', 'better than ID'"),
-        ("l.csv", "id,label\n7\n", "demonstration '7': unknown label ''"),
-        ("l.csv", "id,label\n7,good\n7,bad\n", "demonstration '7': it is labelled twice"),
-        ("l.csv", "id,label\n", "labels no demonstration"),
-        ("l.csv", "7,good\n", "no column is called 'id', 'label'; rename one .found '7', 'good'.; ids are"),
-        ("l.csv", 'id,label\n"7,good\n', "cannot be read as CSV"),
-        ("l.csv", "", "the file is empty"),
-        ("l.json", "", "use one of .csv"),
-    ],
-)
-def test_bad_labels(tmp_path, name, text, match):
-    path = tmp_path / name
-    path.write_text(text)
-    refused_file(match, read_answers, path)
+def test_files_that_hold_no_labels(tmp_path):
+    headless = "no column is called 'id', 'label'; rename one .found '7', 'good'.; ids are"
+    cases = ("l.csv", "7,good\n", headless), ("l.csv", "", "the file is empty"), ("l.json", "", "use one of .csv")
+    for name, text, match in cases:
+        (tmp_path / name).write_text(text)
+        refused_file(match, read_answers, tmp_path / name)
     refused_file("no such file", read_answers, tmp_path / "missing.csv")
 
 
@@ -74,6 +64,11 @@ def test_a_file_of_answers_holds_labels_and_pairs(tmp_path):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
+        ("7,great\n", "'7': unknown label 'great'; write 'good', 'bad', 'better than ID'"),
+        ("7\n", "demonstration '7': unknown label ''"),
+        ("7,good\n7,bad\n", "demonstration '7': it is labelled twice"),
+        ("", "labels no demonstration"),
+        ('"7,good\n', "cannot be read as CSV"),
         ("7,better than 7\n", "demonstration '7': it is compared with itself; name two"),
         ("7,better than 3\n3,BETTER than 7\n", "'3' and '7': two answers contradict each other; keep one answer"),
         ("7,better than\n", "demonstration '7': unknown label 'better than'; write 'good', 'bad', 'better than ID'"),
@@ -84,7 +79,7 @@ def test_a_file_of_answers_holds_labels_and_pairs(tmp_path):
         ("7,worse than 3\n", "unknown label 'worse than 3'"),
     ],
 )
-def test_bad_pairs(tmp_path, text, match):
+def test_bad_answers(tmp_path, text, match):
     path = tmp_path / "answers.csv"
     path.write_text(f"id,label\n{text}")
     refused_file(match, read_answers, path)
@@ -159,6 +154,9 @@ def test_labels_are_a_mapping_or_pairs(labels):
         label_rows(labels)
     assert label_rows([("a", "bad"), (3, "better than a")]) == [AnswerRow("a", "bad"), AnswerRow("3", "better than a")]
     assert parse_answers(label_rows({"a": "same as 3", 4: "Good "}), "") == ({"4": "good"}, {("3", "a"): "same as"})
+    assert label_rows(pd.Series({"a": "bad"})) == label_rows([("a", "bad")])
+    with pytest.raises(DataError, match="demonstration 'label': unknown label"):
+        parse_answers(label_rows(pd.DataFrame({"label": ["bad"]})), "x")
     assert label_rows(None) == label_rows({}) == []
 
 

@@ -47,8 +47,7 @@ def judged(both):
 
 
 def test_each_task_is_judged_as_if_it_were_alone(both, judged, tmp_path):
-    table = pq.read_table(both)
-    pq.write_table(table.filter(pa.compute.equal(table["task"], "left")), tmp_path / "left.parquet")
+    pq.write_table(pq.read_table(both, filters=[("task", "=", "left")]), tmp_path / "left.parquet")
     alone = rpil_of(rpil.open(tmp_path / "left.parquet")).audit_
     np.testing.assert_array_equal(judged.audit_.log_odds[: len(alone.ids)], alone.log_odds)
 
@@ -77,17 +76,22 @@ def test_an_answer_that_is_added_says_the_same_as_one_that_was_given(both, outco
     assert np.flatnonzero(taken_back.answers.labels).tolist() == [0, 10]
 
 
-def test_labels_and_pairs_go_to_their_task_beside_a_reference(both):
+def test_labels_and_pairs_go_to_their_task_beside_a_reference(both, tmp_path):
     labels = [(0, "good"), (1, "better than 101"), (2, "better than 9"), (3, "same as 5"), (4, "same as 102")]
     stated = Statements.of(rpil.open(both), labels, None, None, rpil.open(both))
     options = FitOptions("folded", "auto", 0, FAST, lambda _: None)
     audit, _ = fit_within_tasks(rpil.open(both), stated, options, keeps_policy=False)
     assert (audit.ids, audit.answers.labels.tolist()) == (rpil.open(both).demonstrations.ids, [1] + [0] * 21)
-    assert audit.answers.pairs.tolist() == [[1, 12], [2, 9]]
-    assert audit.answers.tied.tolist() == [[3, 5], [13, 4]]
+    assert (audit.answers.pairs.tolist(), audit.answers.tied.tolist()) == ([[1, 12], [2, 9]], [[3, 5], [13, 4]])
     assert audit.step_weight.mean() == pytest.approx(1)
     without, _ = fit_within_tasks(rpil.open(both), replace(stated, reference=None), options, keeps_policy=False)
     assert (without.log_odds != audit.log_odds)[1:].all(), "the reference is evidence in both tasks"
+    pq.write_table(pq.read_table(both, filters=[("task", "=", "left")]), path := tmp_path / "left.parquet")
+    left, _ = fit_within_tasks(rpil.open(both), replace(stated, reference=rpil.open(path)), options, keeps_policy=False)
+    assert (left.from_actions == without.from_actions)[11:].all()
+    assert (left.log_odds != without.log_odds)[1:11].all(), "a reference of one task is evidence in this one alone"
+    with pytest.raises(DataError, match="no demonstration of the reference has a task of the data"):
+        fit_within_tasks(rpil.open(both), replace(stated, reference=rpil.open(path, task="who")), options)
 
 
 @pytest.mark.parametrize(("label", "sign"), [("good", 1), ("bad", -1), ("", 0)])
@@ -131,9 +135,8 @@ def test_every_demonstration_may_be_alone_and_its_operator_and_takeovers_count(b
 
 def test_groups_of_a_task_wait_for_an_answer_of_their_own(both):
     audit = rpil.audit(both, settings=FAST)
-    groups = replace(
-        audit, identifiable=False, competing=((100, 101), (109, 110)), notes=("right: The two groups: A.",)
-    )
+    notes = ("right: The two groups: A.",)
+    groups = replace(audit, identifiable=False, competing=((100, 101), (109, 110)), notes=notes)
     for labels, is_told in (({0: "good", 10: "bad"}, False), ({100: "good", 110: "bad"}, True)):
         found = groups.answered(labels)
         assert (found.identifiable, found.competing == (), found.notes == ()) == (is_told,) * 3
@@ -168,9 +171,7 @@ RNG = np.random.default_rng(0)
 def some(n, ids=None, names=("x", "v"), actions=1, source="a.csv", action_names=()):
     episodes = [(RNG.normal(size=(5, len(names))), RNG.normal(size=(5, actions))) for _ in range(n)]
     made = Demonstrations.from_episodes(episodes, ids, observation_names=names, source=source)
-    return Demonstrations(
-        made.observations, made.actions, made.offsets, made.ids, names, source, action_names=action_names
-    )
+    return replace(made, action_names=action_names)
 
 
 def test_reference_comes_last_and_no_ids_clash():

@@ -1,6 +1,7 @@
 """Which column holds what: by name and type, and as the user says."""
 
 import time
+from pathlib import Path
 
 import pytest
 
@@ -52,16 +53,9 @@ def test_what_is_no_observation_unless_it_is_named():
 def test_every_column_has_a_role_or_a_reason():
     kinds = {"note": "text", "image": "nested", "blank": "empty"}
     columns = found([*BASE, "step", "time", *kinds, "reward", "session", "rate"], kinds, exclude="ra*")
-    assert columns.observations == ("x", "v")
-    assert columns.orders == ("step", "time")
-    assert columns.ignored == {
-        "note": "text",
-        "image": "images or nested values",
-        "blank": "no values",
-        "reward": "reward, end or verdict",
-        "session": "another id",
-        "rate": "excluded as asked",
-    }
+    assert (columns.observations, columns.orders) == (("x", "v"), ("step", "time"))
+    reasons = {"note": "text", "image": "images or nested values", "blank": "no values", "session": "another id"}
+    assert columns.ignored == reasons | {"reward": "reward, end or verdict", "rate": "excluded as asked"}
     columns = found(["episode", "obs_x", "height", "action"])  # a prefix leaves out the others
     assert columns.observations == ("obs_x",)
     assert columns.ignored["height"] == "not named as an observation, as obs_x is"
@@ -72,7 +66,11 @@ def test_every_column_has_a_role_or_a_reason():
     [
         ({"id": "run"}, "no column is called 'run'; correct id= .found 'episode'"),
         ({"action": "acton"}, "no column is called 'acton'; correct action= .found 'action'"),
-        ({"order": "*"}, "order needs one column, but 'episode', 'x', 'v', 'action' are called"),
+        ({"order": "*"}, "'\\*' names 'episode', 'x', 'v', 'action'; name one column with order="),
+        ({"outcome": "x,v"}, "'x,v' names 'x', 'v'; name one column with outcome="),
+        ({"id": ["episode", "run"]}, r"id= is \['episode', 'run'\]; give one name, as text"),
+        ({"id": 0}, "id= is 0; give one name, as text"),
+        ({"operator": Path("who.csv")}, r"operator= is PosixPath\('who.csv'\); give one name, as text"),
         ({"exclude": ["x", "v"]}, "no column holds observations: name them observation.*"),
         ({"action": "v", "observations": "x,v"}, "'v' is part of the action already; take it out of observations="),
         ({"id": "episode", "observations": "*"}, "'episode' is the id already; take it out of observations="),
@@ -94,8 +92,7 @@ def test_names_may_be_patterns_a_text_with_commas_or_in_another_case():
 def test_other_ids_may_be_needed_to_tell_demonstrations_apart(other):
     assert found([*BASE, other]).parts == (other,)
     named_by_user = found([*BASE, other], id="episode")
-    assert named_by_user.parts == ()
-    assert named_by_user.observations == ("x", "v")
+    assert (named_by_user.parts, named_by_user.observations) == ((), ("x", "v"))
 
 
 def test_forty_thousand_columns_take_seconds():
@@ -107,8 +104,7 @@ def test_forty_thousand_columns_take_seconds():
 
 def test_long_names_are_cut_in_messages():
     assert quoted(["a", 3, "b" * 38, "b" * 39]) == f"'a', 3, '{'b' * 38}', '{'b' * 39}...'"
-    assert len(quoted(["x" * 10_000] * 100)) < 600
-    assert quoted(["a.b"] * 13).count("a.b") == 12
+    assert (len(quoted(["x" * 10_000] * 100)) < 600, quoted(["a.b"] * 13).count("a.b")) == (True, 12)
     with pytest.raises(DataError) as caught:
         found(["episode", "x" * 10_000], observations="x*")
     assert len(str(caught.value)) < 300

@@ -62,7 +62,7 @@ def test_outcomes_are_read_when_they_are_named_and_are_no_observations(tmp_path,
     assert facts(path).outcomes == ()
     seen = formats.read_recording(path, ColumnOptions(outcome="half"))
     assert "half" not in seen.description.observations
-    with refused(r"'half' is neither .*name another column with outcome=, or 'length'"):
+    with refused("'half' is neither .*; write 1 for a success and 0 for a failure, or name .* with outcome="):
         seen.facts  # noqa: B018
     with refused("'nothing'"):
         facts(path, outcome="nothing")
@@ -78,7 +78,7 @@ def test_sessions_are_read_and_no_observations(tmp_path, suffix):
     assert facts(path).sessions == ()
     with refused("demonstration 0: column 'half' changes"):
         facts(path, session="half")
-    with refused("'day' is neither one number for each demonstration, .*; name another column"):
+    with refused("'day' is neither one number for each demonstration, .*, or name another column"):
         facts(written(tmp_path, "csv"), outcome="day")
 
 

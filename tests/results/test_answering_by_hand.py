@@ -88,13 +88,13 @@ def test_doubts_of_answers(count, contrast, follows, doubts):
     """And of the outcomes that these do not confirm, or turn, or outweigh."""
     none, known = np.zeros(4, dtype=int), replace(Answers.none(4), outcomes=np.zeros((4, 4)), names=("a", "-b", *"cd"))
     alone = "No answer and no other outcome confirms the outcome {}, so it counts for little."
-    turned = "The outcome d contradicts the other answers: less of it counts as better."
+    turned = "The outcome d contradicts what else is known: less of it counts as better."
     more = () if count == 1 else (alone.format("-b"), alone.format("c"), turned)
     said = Witnesses(np.zeros((4, 4)), np.array([0.5, 0.4, 0.49, 0.51]), np.array([1.0, 1.0, -1.0, -1.0]))
     found = Answered(np.zeros(4), none, none[:0], count, follows, said)
     assert [*doubts_of_answers(found, known, contrast)] == [*doubts, *more]
     flag = replace(known, labels=np.array([1, -1, 0, 0]), outcomes=np.array([[0.0, 0.0, 1.0, 0.0]]).T, names=("win",))
-    spared, last = replace(found, log_odds=np.ones(4)), "The other answers outweigh win = 0 of 1 demonstration."
+    spared, last = replace(found, log_odds=np.ones(4)), "What else is known outweighs win = 0 of 1 demonstration."
     assert [*doubts_of_answers(spared, flag, contrast)] == [*doubts, *[last] * (count > 1)]
     unsure = replace(found, witnesses=replace(said, confirmed=np.full(4, 0.4)))
     own = [alone.format("win").replace("little", "its own failures alone")] * (count > 1)

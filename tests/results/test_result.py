@@ -95,6 +95,8 @@ def test_groups_and_nothing_in_a_sentence():
     assert headline(apart) == f"2 of 5 act alike, and differ from the rest (3, 4){rest}"
     assert headline(apart, most=0) == f"2 of 5 act alike, and differ from the rest{rest}"
     assert headline(replace(apart, competing=())) == FINDINGS["a group apart"]
+    own = replace(apart, competing=((0, 1), (3, 4)), within="tasks")
+    assert headline(own, most=0) == f"2 of 4 in one of the tasks act alike, and differ from the rest{rest}"
     two = ranked(5, finding="two groups", **groups)
     assert headline(two) == "Two groups act differently: 3 and 2; without an answer nobody can say which is good."
     assert headline(ranked(2, finding="no outliers")) == "Nobody differs clearly."

@@ -73,8 +73,7 @@ def test_rows_and_demonstrations_that_are_bad_are_left_out(data):
     assert found["a, b"] == [[0, 5], [20, 30], [40, n]]
     assert found["=1+1"] == [[0, int(demonstrations.lengths[4])]]
     weights = pyarrow.csv.read_csv("w.csv")["weight"].to_numpy()
-    own = weights[demonstrations.offsets[1] : demonstrations.offsets[2]]
-    assert np.flatnonzero(own == 0).tolist() == [*range(5, 20), *range(30, 40)]
+    assert np.flatnonzero(weights[slice(*demonstrations.offsets[1:3])] == 0).tolist() == [*range(5, 20), *range(30, 40)]
     assert re.search(r"^\d+ to look at\.$", ok("audit", "a.csv", "--segments", "s.csv").stdout, re.MULTILINE)
     rows = pq.read_table("s.parquet").to_pylist()
     assert {*rows[0]} >= {"id", "start", "end", "kind", "score", "reason"}
@@ -87,7 +86,8 @@ def test_rows_and_demonstrations_that_are_bad_are_left_out(data):
 def test_keys_are_what_a_trainer_wants(data):
     keys = [f"/data/{m % 2}--{m // 2}.h5" for m in range(len(IDS))]
     assert [*ranges("--ranges-id", "{folder}--{file}")] == keys
-    assert [*ranges("--ranges-id", "x {id}")] == [f"x {name}" for name in IDS]
+    named = [f"x {name}" for name in IDS]
+    assert [*ranges("--ranges-id", "x {id}")] == [*ranges("--ranges-id", "x {episode}")] == named
     for pattern in ("{folder}", "one", "{", "{}", "{id!r:>99999999}", "{id.__class__}"):
         with pytest.raises(DataError, match=r"--ranges-id|two have the key|no column is called"):
             keys_of(pattern, IDS, "a.csv", ColumnOptions())

@@ -91,7 +91,7 @@ def audit(ctx: click.Context, /, file: str, all_rows: bool, form: str, fail_on: 
         from rpil.cli import exchange
         from rpil.results.result import headline
 
-        found = [*exchange.of_audit(result), *exchange.of_faults(faults.findings)]
+        found = [*exchange.of_audit(result, recording), *exchange.of_faults(faults.lines, recording)]
         click.echo(exchange.written(form, found, file, "rpil audit", headline(result)))
     else:
         within = fit(result.method[0], line_width(), 2) if result.within else ()

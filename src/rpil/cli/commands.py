@@ -131,7 +131,8 @@ class AuditRun:
         rule: Literal["rest", "openpi"] = "openpi" if self.idle == "openpi" else "rest"
         dropped = None if self.idle == "keep" else idle_rows(self.recording.demonstrations, rule)
         kept = self.audit.ranges(dropped, self.choice.kept)
-        return dict(zip(keys_of(self.pattern, kept, self.source, self.recording.options), kept.values(), strict=True))
+        pattern = self.pattern.replace(f"{{{self.recording.description.id_column}}}", "{id}")
+        return dict(zip(keys_of(pattern, kept, self.source, self.recording.options), kept.values(), strict=True))
 
     @cached_property
     def segments(self) -> Segments:

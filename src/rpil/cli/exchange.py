@@ -6,7 +6,7 @@ import hashlib
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -47,28 +47,27 @@ class Numbered(NamedTuple):
 def of_faults(faults: Iterable[Fault], recording: Recording | None = None) -> list[Numbered]:
     """Findings in recordings, their folder and videos; with the line or row of the recording at which they begin."""
     named = [(one, printable(one.id) or ("the set" if one.ids else "the folder")) for one in faults]
-    where = [_line(recording, one) if recording else (1, "") for one, _ in named]
+    where = [_line(recording, one.ids[0] if one.ids else one.id, one.first) for one, _ in named]
     return [Numbered(NUMBERS[f.rule], name, f.sentence, *at) for (f, name), at in zip(named, where, strict=True)]
 
 
-def _line(recording: Recording, fault: Fault) -> tuple[int, str]:
-    """The line of a text file at which a fault begins, or the row of another; and which file of a folder it is."""
+def _line(recording: Recording | None, name: Hashable, first: int = 0) -> tuple[int, str]:
+    """The line of a text file where a step of a demonstration is, or the row of another; and the file of a folder."""
     from rpil.formats.csv import TEXT_SUFFIXES
 
-    source, name = recording.description.source.lower(), fault.ids[0] if fault.ids else fault.id
-    ids = [*recording.steps.ids]  # of the rows that were read
-    if name not in ids:
+    if recording is None or name not in (ids := [*recording.steps.ids]):  # of the rows that were read
         return 1, ""
-    row, sizes = recording.steps.offsets[ids.index(name)] + fault.first, recording.steps.sizes
+    row, sizes = recording.steps.offsets[ids.index(name)] + first, recording.steps.sizes
     number, ends = int(recording.steps.numbers(np.array([row]))[0]), np.cumsum([0, *sizes.values()])
     k = int(np.searchsorted(ends, number, side="right")) - 1 if sizes else 0
-    return number - int(ends[k]) + 1 + source.endswith(TEXT_SUFFIXES), [*sizes, ""][k]
+    return number - int(ends[k]) + 1 + recording.description.source.lower().endswith(TEXT_SUFFIXES), [*sizes, ""][k]
 
 
-def of_audit(audit: Audit) -> list[Numbered]:
+def of_audit(audit: Audit, recording: Recording) -> list[Numbered]:
     """Each demonstration with a low verdict, the lowest first, and what the audit as a whole leaves open."""
-    low = [m for m in audit.ranking()[::-1].tolist() if audit.verdicts[m] in OF_AUDIT]
-    found = [Numbered(NUMBERS[audit.verdicts[m]], printable(audit.ids[m]), audit.reasons[m]) for m in low]
+    lowest = ((m, audit.ids[m], audit.verdicts[m]) for m in audit.ranking()[::-1].tolist())
+    low = [(m, name, NUMBERS[verdict]) for m, name, verdict in lowest if verdict in OF_AUDIT]
+    found = [Numbered(rule, printable(name), audit.reasons[m], *_line(recording, name)) for m, name, rule in low]
     if audit.finding in OF_AUDIT:
         found.append(Numbered(NUMBERS[audit.finding], "all", " ".join([FINDINGS[audit.finding], *audit.doubts])))
     return found

@@ -131,7 +131,7 @@ def keep(file: str, output: str, share: float | None, verdicts: str | None, **op
     with show_stages(given.quiet) as progress:
         from rpil.results.choice import choose, lost_places, verdicts_about
 
-        waits, named = False, set[str]()
+        waits, named, faulty = False, set[str](), set[str]()
         if verdicts is None:
             run = commands.judge(file, given, progress)
             read, known = run.recording, run.audit.answers.once(run.audit.copy_of)
@@ -140,13 +140,13 @@ def keep(file: str, output: str, share: float | None, verdicts: str | None, **op
         else:
             read = commands.open_recording(file, replace(given.columns, allow_missing=True), progress)
             table, named = verdicts_about(verdicts, read.demonstrations.ids, read.ids)
-        faulty = set[str]()
         if rules := given.without_faults:
             faulty = commands.faulty_ids(given, commands.look_for_faults(read, progress, True, rules))
         choice = choose(table, share, faulty)
         if not choice.kept:
             judged_by = f"the verdicts of {verdicts}" if verdicts else "the audit"
-            remedy = f"{'choose with --share, or ' * ('log_odds' in table)}change labels"
+            ways = ("name fewer faults", faulty), ("choose with --share", "log_odds" in table), ("change labels", True)
+            remedy = ", or ".join(way for way, helps in ways if helps)
             raise DataError(f"{file}: no demonstration is left by {judged_by}; {remedy}.")
         lost = () if given.quiet else lost_places(read.demonstrations, choice.kept)
         progress(f"writing {output}")

@@ -126,8 +126,8 @@ def action_kind(
     be what is `wanted`, or where there are too many texts.
     """
     if wanted != "auto":
-        if (is_text and wanted == "continuous") or (not whole and wanted == "discrete"):
-            found = "text" if is_text else "numbers that are not whole"
+        if not {"discrete": whole, "continuous": not is_text}.get(wanted):
+            found = "text" if is_text else "whole numbers" if whole else "numbers that are not whole"
             raise DataError(f"{where}: the actions are {found}, which cannot be {wanted}; leave out the action kind.")
         return wanted, "as asked"
     if not whole:

@@ -63,7 +63,7 @@ def as_episode(given: object, where: str) -> tuple[Array, Array, tuple[str, ...]
             "most the observation after the last action has none."
         )
     if not lengths[1]:
-        raise DataError(f"{where}: it has no steps; leave it out.")
+        raise DataError(f"{where}: it has no steps; give arrays with a row for each, or leave it out.")
     return as_observations(observations[: lengths[1]], where), actions, names
 
 

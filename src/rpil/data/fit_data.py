@@ -60,11 +60,13 @@ DemonstratorNames = Mapping[Any, Hashable] | Sequence[Hashable] | Array
 def in_order(
     given: DemonstratorNames | Outcome, ids: Sequence[object], source: str, what: str, every: Sequence[object] = ()
 ) -> list[Any]:
-    """The values that are `given` of the demonstrations `ids`: one for each, or a mapping by id, which may also name
-    other ids of `every`; None where it names none. A `DataError` on unknown ids, or a wrong number of values."""
-    if isinstance(given, Mapping):
-        check_ids(given, every or ids, source, what)
-        by_id = {str(m): value for m, value in given.items()}
+    """The values that are `given` of the demonstrations `ids`: one for each, or by id in a mapping or series of pandas,
+    also of others of `every`; None where it names none. A `DataError` on unknown ids, two values, or a wrong number."""
+    if isinstance(given, Mapping) or (hasattr(given, "keys") and [*given.keys()] != [*range(len(ids))]):
+        by_id = {str(m): value for m, value in cast(Mapping[Any, Any], given).items()}
+        check_ids(by_id, every or ids, source, what)
+        if len(by_id) < len(given):
+            raise DataError(f"{source}: a demonstration has two values; correct {what}.")
         return [by_id.get(str(m)) for m in ids]
     values = np.asarray(given, dtype=object)
     if values.shape != (len(ids),):
@@ -126,8 +128,7 @@ class FitData(EndToEnd):
 
     def mean_steps(self, values: Array) -> Array:
         """Means over the steps of each demonstration, (N,) -> (M,)."""
-        means: Array = self.sum_steps(values) / self.lengths
-        return means
+        return np.asarray(self.sum_steps(values) / self.lengths)
 
     def per_step(self, values: Array) -> Array:
         """The value of each demonstration repeated for each of its steps, (M, ...) -> (N, ...)."""

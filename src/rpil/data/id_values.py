@@ -8,7 +8,7 @@ import re
 from codecs import BOM_UTF8
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, cast, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -71,7 +71,7 @@ _OF_ROWS = {"start", "end", "from", "to", "begin", "stop", "start_row", "end_row
 def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what: str) -> None:
     """A `DataError` naming the first `names` that are no ids, compared as text, and `what` is to be corrected."""
     texts = dict.fromkeys(map(str, ids))
-    unknown = [str(name) for name in names if str(name) not in texts]
+    unknown = dict.fromkeys(str(name) for name in names if str(name) not in texts)
     if unknown:
         wrong, right = quoted(unknown, 5), quoted(texts, 5)
         raise DataError(f"{source}: no demonstration is called {wrong}; the ids are {right}; correct {what}.")
@@ -126,7 +126,7 @@ def parse_answers(rows: Sequence[AnswerRow], source: str) -> tuple[dict[str, Lab
         label = _LABELS.get(str(word).strip().lower())
         if compared := _compared(word):
             _add_pair(pairs, (m, compared[1]), compared[0], source)
-        elif label is None and word != CANNOT_TELL:  # which was written for its note
+        elif label is None and str(word) != CANNOT_TELL:  # which was written for its note
             known = "'good', 'bad', 'better than ID' or 'same as ID', and leave out the demonstrations you cannot judge"
             raise DataError(f"{source}, demonstration {m!r}: unknown label {quoted([word])}; write {known}.")
         elif m in labels:
@@ -137,13 +137,12 @@ def parse_answers(rows: Sequence[AnswerRow], source: str) -> tuple[dict[str, Lab
 
 
 def label_rows(labels: object) -> list[AnswerRow]:
-    """The answers of a mapping, or of pairs, of ids and words, or of an id, a start and an end, and a word."""
-    given = labels.items() if isinstance(labels, Mapping) else labels or ()
-    rows: list[object] = list(given) if isinstance(given, Iterable) else [given]
+    """The answers of a mapping, a series or pairs, of ids, or of an id, a start and an end, and words."""
+    given = () if labels is None else labels.items() if hasattr(labels, "items") else labels
+    rows: list[Any] = list(given) if isinstance(given, Iterable) else [given]
     if not all(isinstance(row, tuple | list) and len(row) == 2 for row in rows):
         raise DataError("the labels must be a mapping of ids to words, or pairs of an id and a word.")
-    pairs = cast(list[tuple[Any, object]], rows)
-    named = ((m if isinstance(m, tuple) and len(m) == 3 else (m, "", ""), word) for m, word in pairs)
+    named = ((m if isinstance(m, tuple) and len(m) == 3 else (m, "", ""), word) for m, word in rows)
     return [AnswerRow(str(m), word, "", start, end) for (m, start, end), word in named]
 
 

@@ -106,11 +106,10 @@ def as_demonstrations(
         if told not in (None, ROWS):
             raise DataError(f"groups={told!r} in {name}() is unknown; leave it out, or give {ROWS!r}.")
         if told is None:
-            raise DataError(
-                "No groups were given, so it is not known which rows are one demonstration; pass groups=, the "
-                "demonstration of each row (in cross-validation by metadata routing, "
-                f"{name}().set_fit_request(groups=True)), or {name}(groups={ROWS!r}) where each row is one."
-            )
+            unknown = "No groups were given, so it is not known which rows are one demonstration"
+            routed = f"in cross-validation by metadata routing, {name}().set_fit_request(groups=True)"
+            other = f"or {name}(groups={ROWS!r}) where each row is one"
+            raise DataError(f"{unknown}; pass groups=, the demonstration of each row ({routed}), {other}.")
         groups = np.arange(len(observations))
     # Targets (N,) are classes to scikit-learn, however many they are; (N, A) are not.
     kind: ActionKind = "discrete" if actions.ndim == 1 else "continuous"

@@ -59,10 +59,8 @@ def save(estimator: SavedEstimator, path: StrPath) -> None:
     try:  # the policy first, which the message names
         fitted = {name: encode(getattr(estimator, name), name.strip("_"), arrays) for name in reversed(FITTED[kind])}
     except TypeError as error:
-        raise DataError(
-            f"{path}: a {error} cannot be saved without pickle; leave it out, or keep the weights of the steps "
-            "(rpil audit --weights, or audit_.step_weight) and fit to them again."
-        ) from None
+        remedy = "leave it out, or keep the weights of the steps (rpil audit --weights, or audit_.step_weight)"
+        raise DataError(f"{path}: a {error} cannot be saved without pickle; {remedy} and fit to them again.") from None
     given, params = estimator.get_params(deep=False), dict[str, Any]()
     for name in [name for name in given if name not in ("progress", "engine")]:
         with suppress(TypeError):  # those that cannot be encoded are dropped

@@ -106,10 +106,8 @@ class TrainedPolicy(HeldOutModel):
             copies = [self.train_round(copy, rows, weight) for copy, rows in zip(copies, training, strict=True)]
             log_prob = self._held_out(copies)
             if n == 1 and before is not None and np.array_equal(before, log_prob):
-                raise DataError(
-                    "train changed nothing in copies of the policy; keep the optimiser with the policy, so that both "
-                    "are copied, or make it within train."
-                )
+                remedy = "keep the optimiser with the policy, so that both are copied, or make it within train"
+                raise DataError(f"train changed nothing in copies of the policy; {remedy}.")
             mean = float(weight @ log_prob / weight.sum())
             if mean > largest + ROUND_GAIN:
                 largest, best, best_round = mean, log_prob, n
@@ -146,15 +144,13 @@ class TrainedPolicy(HeldOutModel):
         wrong = np.flatnonzero(np.isnan(log_prob) | (log_prob == np.inf))
         if len(wrong):
             step, m = rows[wrong[0]], self.data.groups[rows[wrong[0]]]
-            raise DataError(
-                f"{self.data.source}, demonstration {self.data.ids[m]!r}: log_prob returned {log_prob[wrong[0]]} at "
-                f"step {step - self.data.offsets[m]}; look at the loss, or lower the learning rate."
-            )
+            place = f"{self.data.source}, demonstration {self.data.ids[m]!r}"
+            said = f"log_prob returned {log_prob[wrong[0]]} at step {step - self.data.offsets[m]}"
+            raise DataError(f"{place}: {said}; look at the loss, or lower the learning rate.")
         if not self.fit_data.space.has_density and log_prob.max() > 1e-4:
             above = f"{log_prob.max():.3g} for a discrete action"
             raise DataError(f"log_prob returned {above}, more than log 1; take logarithms.")
-        bounded: Array = np.maximum(log_prob, -700.0)  # the exponential of -700 is still positive
-        return bounded
+        return np.asarray(np.maximum(log_prob, -700.0))  # the exponential of -700 is still positive
 
 
 def reweight(

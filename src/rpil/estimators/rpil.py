@@ -179,9 +179,8 @@ class RPIL(PolicyEstimator):
         options.progress("the policy")
         n_iter, bound = sum(own.n_iter for own in results), np.mean([own.lower_bound for own in results] or np.nan)
         sound = all(own.converged for own in results)
-        return self._keep(
-            task, FitResult(audit, *final_policy(task, options, audit.step_weight), None, n_iter, float(bound), sound)
-        )
+        result = FitResult(audit, *final_policy(task, options, audit.step_weight), None, n_iter, float(bound), sound)
+        return self._keep(task, result)
 
     def _keep(self, task: Task, fitted: FitResult) -> RPIL:
         """Copy the result of a fit."""

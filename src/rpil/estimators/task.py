@@ -126,17 +126,14 @@ def with_reference(one: Demonstrations, other: Demonstrations) -> Demonstrations
     more = [name for name in other.observation_names if name not in one.observation_names]
     if missing or more:
         lacks = f"lacks {quoted(missing, 5)}" if missing else f"has {quoted(more, 5)} too"
-        raise DataError(
-            f"{other.source}: its observations are not those of {one.source}: it {lacks}; name the same ones with "
-            "--observations or --exclude."
-        )
+        remedy = "name the same ones with --observations or --exclude"
+        raise DataError(f"{other.source}: its observations are not those of {one.source}: it {lacks}; {remedy}.")
     columns = [other.observation_names.index(name) for name in one.observation_names]
     kinds = [_kind_of_action(each) for each in (one, other)]
     if kinds[0] != kinds[1]:
-        raise DataError(
-            f"{other.source}: its actions are {kinds[1]}, and those of {one.source} are {kinds[0]}; give a reference "
-            "with the same actions, or say what they are with --action or --action-kind."
-        )
+        said = f"its actions are {kinds[1]}, and those of {one.source} are {kinds[0]}"
+        remedy = "give a reference with the same actions, or say what they are with --action or --action-kind"
+        raise DataError(f"{other.source}: {said}; {remedy}.")
     prefixes = chain(["reference "], (f"reference {k} " for k in count(2)))
     prefix = next(p for p in prefixes if not any(str(name).startswith(p) for name in one.ids))
     return replace(

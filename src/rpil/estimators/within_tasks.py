@@ -14,16 +14,11 @@ from typing import Unpack, cast
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from rpil.data import fit_data
 from rpil.data.demonstrations import Demonstrations
+from rpil.data.errors import DataError
 from rpil.data.files import StrPath
-from rpil.data.fit_data import (
-    DemonstratorNames,
-    Outcome,
-    check_outcome,
-    check_sessions,
-    group_by_demonstrator,
-    in_order,
-)
+from rpil.data.fit_data import DemonstratorNames, Outcome
 from rpil.estimators.pipeline import FitOptions, FitResult, Settings, fit_full, fit_sampled
 from rpil.estimators.task import Labels, Task, answers_of, are_names, with_reference
 from rpil.formats import ReadOptions, opened, read_demonstrators
@@ -74,14 +69,18 @@ class Statements:
         answers = answers_of(labels, (files or None) if outcome is None else outcome, read, ids)
         if outcome is None:  # columns, which the message names
             for name, values, *beside in zip(facts.outcome_names, facts.outcomes, *with_reference, strict=True):
-                check_outcome(np.concatenate([values, *beside]), f"the outcome {name!r}", source)
+                fit_data.check_outcome(np.concatenate([values, *beside]), f"the outcome {name!r}", source)
             outcomes = np.column_stack([answers.outcomes, *facts.outcomes])
             of_files = (f"{name}.csv" if name in facts.outcome_names else name for name in answers.names)
             answers = replace(answers, outcomes=outcomes, names=(*of_files, *facts.outcome_names))
         named_by, demonstrators = source, recording.options.operator if demonstrators is None else demonstrators
         if isinstance(demonstrators, str):
             named_by, demonstrators = demonstrators, read_demonstrators(demonstrators, recording)
-        names = () if demonstrators is None else in_order(demonstrators, read.ids, named_by, "the demonstrators", ids)
+        names = (
+            ()
+            if demonstrators is None
+            else fit_data.in_order(demonstrators, read.ids, named_by, "the demonstrators", ids)
+        )
         taken_over = takeover_signs(recording.interventions, read.offsets, recording.description.fps)
         return cls(answers, names, reference, taken_over)
 
@@ -108,12 +107,12 @@ def split_by_task(
 def fit_within_tasks(
     recording: Recording, stated: Statements, options: FitOptions, keeps_policy: bool = True
 ) -> tuple[Audit, list[tuple[Task, FitResult]]]:
-    """The audit of the demonstrations of a recording, each judged within its task and session, beside the reference if
-    there is one, and the fits to these. A single one is not judged, and has the verdict of its label, if any.
-    A `DataError` where sessions divide nothing."""
+    """The audit of the demonstrations of a recording, each judged within its task and session, beside the reference of
+    this task if there is one, and the fits to these. A single one is not judged, and has the verdict of its label, if
+    any. A `DataError` where sessions divide nothing, or no reference has a task of the recording."""
     demonstrations, reference = recording.demonstrations, stated.reference
     if recording.options.session:
-        check_sessions(recording.facts.sessions, recording.options.session, recording.description.source)
+        fit_data.check_sessions(recording.facts.sessions, recording.options.session, recording.description.source)
     places = split_by_task(demonstrations.ids, recording.tasks, recording.facts.sessions)
     several, fps = len(places) > 1, recording.description.fps or recording.times().fps
     share = several and options.judges  # answers about one task are evidence about another
@@ -121,22 +120,24 @@ def fit_within_tasks(
     ids, offsets = list[Hashable](demonstrations.ids), demonstrations.offsets
     options = replace(options, engine=None) if several else options
     options.check_answers(stated.answers)
+    theirs = {} if reference is None else rows_beside(places, recording, reference)
     for group, rows in places.items():
-        if several and len(rows) == 1 and reference is None:
+        if several and len(rows) == 1 and not theirs.get(group):
             continue
         own, said = (demonstrations.select(rows), stated.select(rows)) if several else (demonstrations, stated)
         if reference is not None:
-            own = with_reference(own.select(slice(None)), reference.demonstrations.select(slice(None)))
-            said = beside_reference(said)
+            own = replace(own.select(slice(None)), ids=tuple(map(str, own.ids)))
+            own = with_reference(own, reference.demonstrations.select(theirs[group])) if theirs[group] else own
+            said = beside_reference(said, theirs[group])
         said = replace(said, answers=Answers.none(len(own)), demonstrators=()) if share else said
         audit, fitted = _fit_group(own, said, options, keeps_policy)
         audit = audits[group] = replace(audit, fps=fps)
         fits.append(fitted)
-        if several and reference is not None:  # after all others, as often as there are tasks
+        if several and reference is not None:
             more = audit.ids[len(rows) :]
             places[group] = [*rows, *range(len(ids), len(ids) + len(more))]
             ids = [*map(str, ids), *more]
-            offsets = np.append(offsets, offsets[-1] + reference.demonstrations.offsets[1:])
+            offsets = np.append(offsets, offsets[-1] + np.cumsum(reference.demonstrations.lengths[theirs[group]]))
     if several:
         what = "sessions" if recording.options.session else "tasks"
         what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
@@ -146,7 +147,7 @@ def fit_within_tasks(
         trust = np.repeat(answers.labels >= 0, audit.lengths)  # also of those that are alone in their task
         audit = replace(audit, step_weight=audit.step_weight * trust, settings=settings, fps=fps)
     if share:
-        known = stated if reference is None else beside_reference(stated, len(audits))
+        known = stated if reference is None else beside_reference(stated, [m for one in audits for m in theirs[one]])
         audit = _answered_together(audit, known, stated.demonstrators, demonstrations)
     if reference is not None:
         audit = first_of(audit, demonstrations.ids)
@@ -159,21 +160,31 @@ def _answered_together(
     audit: Audit, known: Statements, names: Sequence[Hashable], demonstrations: Demonstrations | Dataset
 ) -> Audit:
     """The joined audit of tasks, with the `names` of those who gave these demonstrations, and all that is known."""
-    who = group_by_demonstrator(names if any(name is not None for name in names) else None, demonstrations)
+    who = fit_data.group_by_demonstrator(names if any(name is not None for name in names) else None, demonstrations)
     over = np.concatenate(known.taken_over) if known.taken_over else None
     audit = replace(audit, taken_over=over, demonstrators=rank_demonstrators(who, audit.ids))
     method = *audit.method, *filter(None, [who.note])
     return with_answers(replace(audit, step_weight=weights_of(audit), method=method), known.answers)
 
 
-def beside_reference(stated: Statements, times: int = 1) -> Statements:
-    """Statements about these demonstrations, and then about those of the reference, which are good, several `times`."""
-    beside, given = stated.reference, stated.answers
+def rows_beside(places: Mapping[str, list[int]], recording: Recording, reference: Recording) -> dict[str, list[int]]:
+    """The numbers of the demonstrations of the reference that have each task, all where either file names no tasks."""
+    tasks = {k: recording.tasks.get(str(recording.demonstrations.ids[rows[0]])) for k, rows in places.items()}
+    named = [reference.tasks.get(str(name)) for name in reference.demonstrations.ids]
+    beside = {k: [m for m, own in enumerate(named) if None in (own, task) or own == task] for k, task in tasks.items()}
+    if not any(beside.values()):
+        said = "no demonstration of the reference has a task of the data; name tasks alike, or --exclude the column"
+        raise DataError(f"{reference.description.source}: {said}.")
+    return beside
+
+
+def beside_reference(stated: Statements, rows: Sequence[int]) -> Statements:
+    """Statements about these demonstrations, and then about those at `rows` of the reference, which are good."""
+    beside, given, more = stated.reference, stated.answers, len(rows)
     assert beside is not None
-    more = times * len(beside.demonstrations)
     outcomes = np.full((more, given.outcomes.shape[1]), np.nan)
     for k, values in enumerate(beside.facts.outcomes[::-1], 1):  # those of files come first
-        outcomes[:, -k] = np.tile(values, times)
+        outcomes[:, -k] = values[rows]
     labels = np.append(given.labels, np.ones(more, dtype=int))
     answers = replace(given, labels=labels, outcomes=np.concatenate([given.outcomes, outcomes]))
     names = [*stated.demonstrators, *[None] * more] if stated.demonstrators else ()
@@ -257,7 +268,7 @@ def audit(
     labels : mapping of id to {"good", "bad", "better than ID", "same as ID"}, sequence of such pairs, or path, optional
         Answers about demonstrations, or about rows by (id, start, end), which are good or bad; a path is a CSV file
         (id,label, and perhaps start,end).
-    outcome : str or several, mapping of id to number, or sequence of M numbers, optional
+    outcome : str or several, mapping or series of id to number, or sequence of M numbers, optional
         How each ended: a column, "length", a CSV file (id,value), or numbers. More is better; with a minus before the
         name less is better. A flag of 0 is bad unless others outweigh it. rpil learns how reliable each of several is.
     random_state : int

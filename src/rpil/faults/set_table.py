@@ -76,7 +76,7 @@ def set_table(recording: Recording, report: FaultReport, path: str) -> SetTable:
         "shortest": int(data.lengths.min()),
         "longest": int(data.lengths.max()),
         "rate": told.fps,
-        "cameras": recording.origin.metadata.n_cameras,
+        "cameras": recording.origin.metadata.n_cameras if recording.origin.metadata.version else None,
     }
     if block.actions.ndim == 2:
         head, tail, _, middle = idle_runs(moving, learned.tracked.is_command)

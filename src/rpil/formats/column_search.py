@@ -207,8 +207,7 @@ class _Search:
             name = wanted.removeprefix("-")
             column = LENGTH if name == LENGTH else self.one(name, "outcome")
             if column is None or column in data:
-                role = "the id, an observation or part of the action"
-                said = f"column {name!r} is {role} and cannot be the outcome too"
+                said = f"column {name!r} is the id, an observation or part of the action, and no outcome"
                 raise DataError(f"{self.source}: {said}; name another.")
             if column != LENGTH:
                 self.take(column)
@@ -219,7 +218,7 @@ class _Search:
         """The one column that the user names for a role, if any."""
         found = [] if wanted is None else self.matching([wanted], option)
         if len(found) > 1:
-            raise DataError(f"{self.source}: {option} needs one column, but {quoted(found)} are called {wanted!r}.")
+            raise DataError(f"{self.source}: {wanted!r} names {quoted(found)}; name one column with --{option}.")
         return next(iter(found), None)
 
     def matching(self, wanted: Names, option: str) -> list[str]:

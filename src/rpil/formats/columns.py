@@ -90,6 +90,9 @@ class ColumnOptions:
     def __post_init__(self) -> None:
         if self.memory is not None:
             parse_size(self.memory)  # an error where it is none
+        for option in ("id", "order", "operator", "task", "session"):
+            if not isinstance(name := getattr(self, option), str | None):
+                raise DataError(f"--{option} is {name!r}; give one name, as text.")
         for option, seconds in (("--split-gap", self.split_gap), ("--segment", self.segment)):
             if seconds is not None and not 0 < seconds < float("inf"):
                 raise DataError(f"{option} is {seconds}; give a number of seconds, more than 0.")
@@ -160,8 +163,7 @@ def check_names(names: Sequence[str], source: str) -> None:
     """A `DataError` where two columns have one name, or there are too many of them."""
     if len(names) > _MOST_COLUMNS:
         raise DataError(f"{source}: it has {len(names):,} columns; write {_MOST_COLUMNS:,} at most.")
-    repeated = sorted(name for name, n in Counter(names).items() if n > 1)
-    if repeated:
+    if repeated := sorted(name for name, n in Counter(names).items() if n > 1):
         raise DataError(f"{source}: column {repeated[0]!r} appears twice; rename or drop one of them.")
 
 

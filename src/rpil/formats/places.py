@@ -210,8 +210,8 @@ def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
             found = outcome_of_steps(found.astype(float), steps.offsets, column)
         if found is None:
             kinds = "neither one number for each demonstration, nor a reward, nor a flag of 0 and 1"
-            remedy = f"name another column with --outcome, or {LENGTH!r}"
-            raise DataError(f"{steps.source}: column {column!r} is {kinds}; {remedy}.")
+            said = f"column {column!r} is {kinds}; write 1 for a success and 0 for a failure"
+            raise DataError(f"{steps.source}: {said}, or name another column with --outcome.")
         is_flag = bool(np.isin(found[~np.isnan(found)], (0, 1)).all())  # which stays one
         outcomes.append(float(is_flag) - found if less else found)
     return Facts(order, sessions, tuple(outcomes), columns.outcomes)
@@ -314,6 +314,5 @@ def unit_of(name: str, kind: pa.DataType, values: Array) -> float | None:
     for limit, unit in ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3)):
         if largest > limit:
             return unit
-    if not _WORDS_OF_TIME & set(words):
-        return None
-    return 1.0 if values.dtype.kind == "f" and not np.array_equal(values, np.round(values)) else None
+    has_parts = values.dtype.kind == "f" and not np.array_equal(values, np.round(values))
+    return 1.0 if has_parts and _WORDS_OF_TIME & set(words) else None

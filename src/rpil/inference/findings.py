@@ -10,7 +10,7 @@ Finding = Literal[
 
 FINDINGS: dict[str, str] = {
     "outliers": "Some demonstrations act differently from the rest.",
-    "answered": "Your answers decide which demonstrations are good.",
+    "answered": "Answers or outcomes decide which demonstrations are good.",
     "mixture": "The demonstrations are those of an expert, and those of the adversary that was named.",
     "a group apart": "A few act alike, and differ from the rest; without an answer nobody can say if they are worse.",
     "two groups": "Two groups act differently; without an answer nobody can say which is good.",

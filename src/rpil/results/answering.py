@@ -160,10 +160,10 @@ def doubts_of_answers(found: Answered, known: Answers, contrast: bool) -> Iterat
             most = "its own failures alone" if k == known.only_flag and known.failed(found.log_odds).any() else "little"
             yield f"No answer and no other outcome confirms the {outcome}, so it counts for {most}."
         elif sign < 0:
-            yield f"The {outcome} contradicts the other answers: less of it counts as better."
+            yield f"The {outcome} contradicts what else is known: less of it counts as better."
         free = (known.labels == 0) & (found.log_odds > 0) & (sign > 0)
         if k == known.only_flag and (n := int((known.outcomes[free, k] == 0).sum())):
-            yield f"The other answers outweigh {known.failure} of {counted(n, 'demonstration')}."
+            yield f"What else is known outweighs {known.failure} of {counted(n, 'demonstration')}."
 
 
 def question(audit: Judged) -> str | None:

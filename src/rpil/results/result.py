@@ -241,8 +241,7 @@ def look_first(audit: AuditResult, faulty: Collection[Hashable] = ()) -> list[in
 
 def first_sentence(audit: AuditResult, faulty: Collection[Hashable] = ()) -> str:
     """Which demonstrations to look at first, without those that have a label."""
-    first = look_first(audit, faulty)
-    if not first:
+    if not (first := look_first(audit, faulty)):
         return "Every demonstration has a label."
     names = listed([short_id(audit.ids[m]) for m in first], MAX_NAMED_FIRST, ", ")
     return f"Look at {'these' if len(first) > 1 else 'this'} {len(first):,} first: {names}."
@@ -262,16 +261,17 @@ def headline(audit: AuditResult, most: int = MAX_IDS) -> str:
         n = counts[below[0]]
         some = f"{n:,} of {len(audit.ids):,} act{'s' * (n == 1)} {ACTING[audit.finding]}"
         return f"{some}: {names[below[0]]}." if names else f"{some}."
-    sentence = FINDINGS[audit.finding]
+    sentence, n = FINDINGS[audit.finding], sum(map(len, audit.groups.values()))
+    where = f" in one of the {audit.within}" * bool(audit.within and n < len(audit.ids))
     if audit.finding == "a group apart" and audit.groups:
-        alike, n = {*audit.groups["B"]}, sum(map(len, audit.groups.values()))  # of one task
+        alike = {*audit.groups["B"]}
         own = [short_id(audit.ids[m]) for m in ranked if audit.ids[m] in alike]
-        who = f"{len(own):,} of {n:,} act alike, and differ from the rest"
+        who = f"{len(own):,} of {n:,}{where} act alike, and differ from the rest"
         members = f" ({listed(own, most, ', ')})" if most else ""
         return f"{who}{members}; {sentence.partition('; ')[2]}"
     if audit.finding == "two groups" and audit.groups:
         both = " and ".join(f"{len(ids):,}" for ids in audit.groups.values())
-        return f"Two groups act differently: {both}{sentence.removeprefix('Two groups act differently')}"
+        return f"Two groups act differently{where}: {both}{sentence.removeprefix('Two groups act differently')}"
     if audit.finding != "nothing could be learned":
         return sentence
     return f"{audit.finding.capitalize()}: {sentence[:1].lower()}{sentence[1:]}"

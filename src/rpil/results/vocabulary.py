@@ -42,7 +42,7 @@ VOCABULARIES: dict[str, Vocabulary] = {
         "good",
         "bad",
         "P(good)",
-        "P(good) is the probability that a demonstration is good, given the answers about some of them.",
+        "P(good) is the probability that a demonstration is good, given answers about some of them, or outcomes.",
     ),
     "named adversary": Vocabulary(
         "expert",
