@@ -84,7 +84,7 @@ def test_hidden_folders_and_locks_of_editors_are_left_alone(folder, secret):
 
 @pytest.mark.parametrize(
     ("link", "to", "said"),
-    [("c.parquet", "d.parquet", r"c\.parquet: .* leads to nothing.*download"), ("c", "b", "leads to a folder; copy")],
+    [("c.parquet", "d", r"c\.parquet: .* leads to nothing.*download"), ("c", "b", "a link leads to a folder; copy")],
 )
 def test_a_link_to_nothing_is_a_download_that_broke_off_and_no_folder_is_read_twice(folder, link, to, said):
     (folder / link).symlink_to(to)

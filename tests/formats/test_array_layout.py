@@ -16,6 +16,7 @@ h5py = pytest.importorskip("h5py", reason="needs the extra hdf5")
 N, M, T = len(OWNERS), len(LENGTHS), max(LENGTHS)
 IS_LAST = np.isin(np.arange(N), np.cumsum(LENGTHS) - 1)
 STEPS = {"observations": STATES, "actions": MOVES}
+NO_ID = STEPS | {"episode_ids": np.where(IS_LAST, np.nan, 0)}
 
 ROWS = {"obs": stacked(STATES), "actions": stacked(MOVES)}
 EACH = "Each first index of the arrays is one demonstration"
@@ -138,7 +139,7 @@ def test_stacked_demonstrations_without_lengths_have_as_many_steps_each(written)
         (ROWS | {"mask": np.ones((M, T - 1))}, rf"mask has the shape \({M}, {T - 1}\) for actions of \({M}, {T}\)"),
         (ROWS | {"dones": np.eye(M, T) + np.eye(M, T, 2)}, "dones end more than one demonstration in .* first index 0"),
         ({"actions_0": STATES, "states_0": STATES}, "nothing says .*; add .*, or write a group with actions and obs"),
-        (STEPS | {"episode_ids": np.where(IS_LAST, np.nan, 0)}, "row 4: .* must be whole numbers or text; fill in the"),
+        (NO_ID, "row 4: demonstration ids must be whole numbers or text; fill in the missing"),
     ],
 )
 def test_arrays_that_do_not_fit_together_are_refused(written, arrays, message):
