@@ -1,10 +1,12 @@
 """The commands: what they print and write."""
 
+import errno
 import subprocess
 import sys
 import types
 import warnings
 from pathlib import Path
+from unittest.mock import Mock
 
 import rpil
 from command_line import call, ok, refused
@@ -56,3 +58,10 @@ def test_warnings_are_printed_once_as_notes(monkeypatch):
 
     monkeypatch.setitem(sys.modules, "rpil.cli.demo", types.SimpleNamespace(run=warn))
     assert ok("demo").stderr == "note: Watch out.\n"
+
+
+def test_an_error_of_the_system_that_names_a_file_is_a_sentence(monkeypatch):
+    errors = [OSError(errno.EACCES, "Permission denied", *names) for names in (["a.csv"], [])]
+    monkeypatch.setitem(sys.modules, "rpil.cli.demo", types.SimpleNamespace(run=Mock(side_effect=errors)))
+    refused("a.csv: Permission denied; check the path", "demo")
+    assert call("demo").exception is errors[1]

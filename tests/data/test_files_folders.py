@@ -82,16 +82,14 @@ def test_hidden_folders_and_locks_of_editors_are_left_alone(folder, secret):
         rpil.read(folder)
 
 
-def test_a_link_to_nothing_is_a_download_that_broke_off(folder):
-    (folder / "c.parquet").symlink_to("d.parquet")
-    with pytest.raises(DataError, match=r"c\.parquet: .* leads to nothing.*download"):
+@pytest.mark.parametrize(
+    ("link", "to", "said"),
+    [("c.parquet", "d", r"c\.parquet: .* leads to nothing.*download"), ("c", "b", "a link leads to a folder; copy")],
+)
+def test_a_link_to_nothing_is_a_download_that_broke_off_and_no_folder_is_read_twice(folder, link, to, said):
+    (folder / link).symlink_to(to)
+    with pytest.raises(DataError, match=said):
         rpil.read(folder)
-
-
-def test_no_folder_is_read_twice(folder):
-    (folder / "c").symlink_to("b")
-    with pytest.raises(DataError, match="a link leads to a folder; copy"):
-        check_folder(folder)
 
 
 def test_a_folder_that_may_not_be_listed_hides_no_link(folder, secret, monkeypatch):

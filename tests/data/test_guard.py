@@ -53,12 +53,8 @@ def test_permissions_are_no_damage(file):
 @pytest.mark.parametrize(
     "error",
     [
-        DataError("b.npz: it is bad; repair it."),
-        MissingExtraError("HDF5", "hdf5"),
-        UserWarning("an error by the user's wish"),
-        KeyboardInterrupt(),
-        SystemExit(3),
-        OSError(errno.ENOSPC, "No space left on device"),
+        *(DataError("b.npz: it is bad; repair it."), MissingExtraError("HDF5", "hdf5"), KeyboardInterrupt()),
+        *(UserWarning("an error by the user's wish"), SystemExit(3), OSError(errno.ENOSPC, "No space left on device")),
         OSError(errno.EROFS, "Read-only file system"),
     ],
     ids=lambda error: type(error).__name__,

@@ -37,10 +37,10 @@ def test_continuous_actions_have_a_box():
 
 def test_actions_too_small_to_be_squared_are_refused():
     """One part alone is enough, and an offset does not help; a part that never changes is no such one."""
-    still = np.zeros((4, 1))
+    still = np.full((4, 2), [1e-200, -1e-200])
     for size in (1e-300, 1e-155):
         actions = np.concatenate([still, MOVES.actions * size], axis=1)
-        with pytest.raises(DataError, match=r"action 1 varies by less than 1e-150.*use smaller units"):
+        with pytest.raises(DataError, match=r"action 2 varies by less than 1e-150.*use smaller units"):
             action_space(Demonstrations(X, actions, OFFSETS, ids=["a", "b"]))
     small = Demonstrations(X, MOVES.actions * 1e-100, OFFSETS, ids=["a", "b"])
     assert action_space(small)[0].high.tolist() == [2e-100]

@@ -58,10 +58,7 @@ def test_times_are_seconds_where_these_are_known():
 def test_no_home_folder_is_named(monkeypatch):
     monkeypatch.setenv("HOME", "/srv/ann")
     for text, shown in (
-        (
-            "rpil audit /srv/ann/work/d.csv --operator '/srv/ann/a b.csv'",
-            "rpil audit ~/work/d.csv --operator '~/a b.csv'",
-        ),
+        ("rpil audit /srv/ann/work/d.csv --id '/srv/ann/a b.csv'", "rpil audit ~/work/d.csv --id '~/a b.csv'"),
         ("/srv/ann", "~"),
         ("/srv/anna/d.csv", "/srv/anna/d.csv"),  # of another folder
         ("file:///srv/ann/work/d.csv", "file://~/work/d.csv"),

@@ -11,6 +11,7 @@ from sklearn.metrics import roc_auc_score
 
 from problems import Toy, make, refused
 from rpil import reweight
+from rpil.estimators.reweight import TrainedPolicy
 
 TOY = make("random", 0, n_good=12, n_bad=8, steps=(30, 50))
 
@@ -104,6 +105,18 @@ def test_log_prob_is_held_out():
     assert len(both) >= 4
     for weights in both:
         assert not asked[weights] & taught[weights]
+
+
+def test_training_ends_after_three_rounds_without_a_gain_and_no_action_is_impossible():
+    means, fold = [-3.0, -2.0, -2.1, -2.1, -1.0, -1.5, -1.5, -1.5, 0.0], 0 * TOY.actions
+
+    def after_rounds(policy, observations, actions):
+        return np.full(len(actions), means[policy.trained])
+
+    model = TrainedPolicy(Linear(), TOY.problem(), TOY.demonstrations, after_rounds, train, fold, 50, print)
+    counts = np.bincount(TOY.actions) + 1.0
+    expected = np.log(0.99 * np.exp(-1.0) + 0.01 * (counts / counts.sum())[TOY.actions])
+    np.testing.assert_allclose(model.evaluate(np.ones(len(fold)), 0.0), expected)
 
 
 def nan_after_training(policy, observations, actions):

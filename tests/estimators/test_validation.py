@@ -34,39 +34,29 @@ def test_rows_without_groups_are_refused_unless_each_is_a_demonstration(kind):
     kind().fit(toy.observations, toy.actions, groups=toy.groups)
 
 
-TOY = make("random", 0)
+TOY, UNIFORM = make("random", 0), RPIL(adversary="uniform")
 
 ONE_ACTION = Demonstrations(TOY.observations, np.zeros_like(TOY.actions), TOY.offsets, TOY.ids)
 
 
 @pytest.mark.parametrize(
-    ("model", "data", "words"),
+    ("model", "given", "words"),
     [
-        (RPIL(features="fourier"), TOY.demonstrations, "no features called 'fourier'; choose .*raw, folded, nystroem"),
-        (BehavioralCloning(C=0.0), TOY.demonstrations, "C=0.0 must be a positive number"),
-        (BehavioralCloning(), ONE_ACTION, "every action is 0, one class only"),
-        (RPIL(), TOY.demonstrations.select([0]), "1 sample. cannot be compared; give at least two"),
-        (RMEnt(1), TOY.demonstrations.select([0]), "1 sample. cannot be compared; give at least two"),
-        (RMEnt(0), TOY.demonstrations, "n_trusted=0 of 12 demonstrations; give a whole number from 1 to 12, or a sh"),
-        *((RMEnt(n), TOY.demonstrations, f"n_trusted={n!r} of 12") for n in (13, 1.0, 1.5, "all")),
+        (RPIL(features="fourier"), {}, "no features called 'fourier'; choose .*raw, folded, nystroem"),
+        (BehavioralCloning(C=0.0), {}, "C=0.0 must be a positive number"),
+        (BehavioralCloning(), {"X": ONE_ACTION}, "every action is 0, one class only"),
+        (RPIL(), {"X": TOY.demonstrations.select([0])}, "1 sample. cannot be compared; give at least two"),
+        (RMEnt(1), {"X": TOY.demonstrations.select([0])}, "1 sample. cannot be compared; give at least two"),
+        (RMEnt(0), {}, "n_trusted=0 of 12 demonstrations; give a whole number from 1 to 12, or a sh"),
+        *((RMEnt(n), {}, f"n_trusted={n!r} of 12") for n in (13, 1.0, 1.5, "all")),
+        (UNIFORM, {"labels": {"d99": "good"}}, "d99"),
+        (UNIFORM, {"labels": {"d0": "great"}}, "'d0': unknown label 'great'"),
+        (UNIFORM, {"labels": dict.fromkeys(TOY.ids, "bad")}, "all demonstrations are labelled bad"),
     ],
 )
-def test_errors_are_one_sentence(model, data, words):
+def test_errors_are_one_sentence(model, given, words):
     with refused(words):
-        model.fit(data)
-
-
-@pytest.mark.parametrize(
-    ("labels", "words"),
-    [
-        ({"d99": "good"}, "d99"),
-        ({"d0": "great"}, "'d0': unknown label 'great'"),
-        (dict.fromkeys(TOY.ids, "bad"), "all demonstrations are labelled bad"),
-    ],
-)
-def test_errors_of_labels_are_one_sentence(labels, words):
-    with refused(words):
-        RPIL(adversary="uniform").fit(TOY.demonstrations, labels=labels)
+        model.fit(**({"X": TOY.demonstrations} | given))
 
 
 def test_outcomes_are_files_with_their_names_or_numbers(tmp_path):

@@ -42,7 +42,7 @@ NO_WEIGHT = "The policy KNeighborsClassifier takes no sample_weight, so that tru
     [
         (NEIGHBOURS, NO_WEIGHT),
         (KNeighborsRegressor(), "KNeighborsRegressor takes no sample_weight"),
-        (make_pipeline(StandardScaler(), NEIGHBOURS), NO_WEIGHT),
+        (make_pipeline(StandardScaler(), StandardScaler(), NEIGHBOURS), NO_WEIGHT),
         (GridSearchCV(make_pipeline(StandardScaler(), NEIGHBOURS), {}), NO_WEIGHT),
         (RIDGE, "The policy RidgeClassifier has no predict_proba; give one that has"),
         (make_pipeline(StandardScaler(), RIDGE), "The policy Pipeline has no predict_proba; give one that has"),

@@ -6,10 +6,11 @@ import pytest
 from problems import curved, told
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import FitData
-from rpil.data.spaces import Discrete
+from rpil.data.spaces import Box, Discrete
 from rpil.estimators.cloning import BehavioralCloning
+from rpil.policies import selection
 from rpil.policies.features import FeatureMap, FeatureSettings
-from rpil.policies.selection import FeatureChoice, _Candidate, _fit_least_squares, _is_as_good, _median, choose_features
+from rpil.policies.selection import FeatureChoice, choose_features
 from rpil.policies.settings import SelectionSettings
 
 
@@ -62,18 +63,24 @@ def test_steps_far_off_do_not_teach_which_numbers_are_due():
     right = np.array([[1.0, 0.0], [-2.0, 1.0], [0.5, 3.0]])
     actions = design @ right + 0.1 * rng.normal(size=(500, 2))
     actions[::10] += 20.0 * np.abs(design[::10, :1])
-    (robust,) = _fit_least_squares(design, actions, np.ones(500), [np.full(3, 1e-6)], SelectionSettings())
+    (robust,) = selection._fit_least_squares(design, actions, np.ones(500), [np.full(3, 1e-6)], SelectionSettings())
     plain = np.linalg.lstsq(design, actions)[0]
     assert np.abs(robust - right).max() < 0.3 * np.abs(plain - right).max()
+    # Nor do units of a part of the action say how well it is predicted.
+    sample, values = selection._Sample(FitData.from_steps(design, actions, Box.around(actions)), np.ones(500)), []
+    for units in ([1.0, 1.0], [1.0, 1e3]):
+        of = design @ right * units, actions * units, sample, SelectionSettings()
+        values.append(selection._assess_means(FeatureChoice("raw", 1.0), *of).value)
+    assert values[0] == pytest.approx(values[1])
 
 
 def test_as_good_is_less_accurate_by_a_standard_error_at_most_and_medians_are_weighted():
-    best = _Candidate(FeatureChoice("raw", 1.0), 0.0, np.zeros(4))
+    best = selection._Candidate(FeatureChoice("raw", 1.0), 0.0, np.zeros(4))
     for loss, expected in ((0.577, True), (0.578, False)):  # of 1 / sqrt(3)
         worse = best._replace(accuracy=np.array([-1.0, 1.0] * 2) - loss)
-        assert _is_as_good(worse, best, np.full(4, 0.5)) == expected
-    assert [_median(np.array(of), np.ones(len(of))) for of in ([3.0, 1, 2], [4.0, 1, 3, 2])] == [2.0, 2.5]
-    assert _median(np.arange(3.0), np.array([1.0, 1.0, 9.0])) == 2.0
+        assert selection._is_as_good(worse, best, np.full(4, 0.5)) == expected
+    assert [selection._median(np.array(of), np.ones(len(of))) for of in ([3.0, 1, 2], [4.0, 1, 3, 2])] == [2.0, 2.5]
+    assert selection._median(np.arange(3.0), np.array([1.0, 1.0, 9.0])) == 2.0
 
 
 def test_few_demonstrations_and_steps_are_enough():
@@ -81,6 +88,11 @@ def test_few_demonstrations_and_steps_are_enough():
     assert choose(observations, codes, offsets).kind == "nystroem"
     found = choose(np.arange(6.0)[:, None], np.array([0, 0, 0, 1, 1, 1]), np.array([0, 3, 6]))
     assert isinstance(found, FeatureChoice)
+    # One is held out and one is learned from, however long; of an only one the parts, without untrusted steps.
+    few, weight = SelectionSettings(max_steps=1), np.where(np.arange(300) < 100, 0.0, 1.0)
+    for bounds, n_steps in ((np.array([0, 60, 120, 180, 240, 300]), 120), (offsets, 200)):
+        data = FitData(observations, codes, bounds, Discrete(2))
+        assert len(selection._sample(data, np.ones(300) if len(bounds) > 2 else weight, few).data.actions) == n_steps
 
 
 def test_nystroem_approximates_the_kernel():

@@ -127,7 +127,8 @@ def test_steps_by_sums_reach_the_fit_within_a_radius_and_those_without_weight_ch
     sums = policy.collect_suff_stats(problem.features, problem.actions, 0 * weight)[1]
     assert (policy.gradient_norm(sums), policy.m_step(sums, np.inf, None, history)[0]) == (0.0, policy)
     sums = policy.collect_suff_stats(problem.features, problem.actions, weight)[1]
-    assert sums[-1] == 0  # errors beyond a bound
+    assert sums[-1] == 0  # errors beyond a bound, so that parts have the same Hessian
+    np.testing.assert_allclose(start._step(*sums[:2], kinked=True), start._step(*sums[:2], kinked=False))
     near, _ = policy.m_step(sums, 1e-2, None, history)
     moved = np.abs(near.weights - policy.weights) / np.sqrt((policy.cholesky**2).sum(axis=1))
     assert moved.max() == pytest.approx(1e-2)
@@ -162,6 +163,8 @@ def test_a_tenth_of_gross_outliers_does_not_move_it():
 def test_a_part_that_never_moves_is_predicted_and_no_more():
     toy = ZOO["a part that never moves"]
     problem = toy.problem()
+    middle = np.quantile(problem.actions, [0, 1], axis=0).mean(axis=0)
+    np.testing.assert_allclose(zero(problem).outputs(problem.features[:1]), [middle])
     policy, outputs = zero(problem).fit(problem, np.ones(len(problem.actions)))
     np.testing.assert_allclose(outputs[:, 1], 3.0, atol=1e-6)
     assert np.isfinite(policy.log_prob(outputs, problem.actions)).all()

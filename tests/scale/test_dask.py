@@ -143,6 +143,7 @@ def test_a_cluster_that_is_closed_in_a_fit_is_told_in_one_sentence(monkeypatch):
         monkeypatch.setattr(engine, "_WORKER_TIMEOUT", 1.0)
         with refused("The Dask cluster: it was lost.*fit again"):
             small_rpil(engine=DaskEngine(client)).fit(demonstrations())
+        assert len(passes) == 4
         with suppress(Exception):
             client.close()
 

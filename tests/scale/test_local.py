@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import shutil
 import tempfile
+from threading import Barrier
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from rpil.data.errors import DataError
+from rpil.scale import local
 from rpil.scale.local import LocalEngine, StepFile, gathered
 from rpil.scale.protocol import Engine, Shards
 
@@ -28,7 +30,7 @@ class Steps(NamedTuple):
 SHARDS = [[np.array([1.0, 2.0]), np.array([3.0])], [np.array([4.0])]]
 
 
-def test_blocks_are_mapped_in_order_and_added_up():
+def test_blocks_are_mapped_in_order_side_by_side_and_added_up(monkeypatch):
     engine = LocalEngine()
     assert isinstance(engine, Engine)
     placed = engine.place(SHARDS)
@@ -37,6 +39,9 @@ def test_blocks_are_mapped_in_order_and_added_up():
     halves = placed.then(lambda block: block / 2)
     assert [block.tolist() for block in halves.map(lambda block: block)] == [[0.5, 1.0], [1.5], [2.0]]
     assert halves.total(lambda block: (block.sum(), len(block))) == (5.0, 4)
+    monkeypatch.setattr(local, "cores", lambda: 2)
+    both = Barrier(2, timeout=10)  # at which one block waits for the other
+    assert sorted(engine.place([range(2)]).map(lambda _: both.wait())) == [0, 1]
 
 
 def test_blocks_are_computed_in_every_pass_until_they_are_kept(monkeypatch, tmp_path):

@@ -32,14 +32,8 @@ def test_a_sample_has_steps_for_each_coefficient_and_is_no_longer_than_its_ratio
 
 @pytest.mark.parametrize(
     ("n", "length", "is_smaller"),
-    [
-        (100, 5, True),
-        (80, 5, False),  # four samples of 100 steps
-        (20, 25, False),  # two of ten demonstrations
-        (21, 25, True),
-        (1, 600, False),  # two of three times 100 steps
-        (1, 601, True),
-    ],
+    # The bounds are four samples of 100 steps, two of ten demonstrations, and two of three times 100 steps.
+    [(100, 5, True), (80, 5, False), (20, 25, False), (21, 25, True), (1, 600, False), (1, 601, True)],
 )
 def test_of_many_samples_one_is_read(n, length, is_smaller):
     assert FEW.is_smaller_than(np.arange(n + 1) * length, 100) == is_smaller

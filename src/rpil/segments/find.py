@@ -95,7 +95,7 @@ class MovedColumns:
         distance = np.abs(self.values - np.median(self.values[self.offsets[:-1]], axis=0))
         away, near = distance > settings.level, distance < settings.level / 2
         between = (~near & (distance < 1.5 * settings.level)).mean(axis=0)
-        returns = np.append(away[:-1] & ~away[1:], away[:1] & False, axis=0)
+        returns = away & ~np.roll(away, -1, axis=0)
         returns[self.offsets[1:] - 1] = False
         counts = np.median(np.add.reduceat(returns, self.offsets[:-1], axis=0), axis=0)
         is_even = (near.mean(axis=0) > settings.at_home) & (near.mean(axis=0) < 1 - settings.at_home)
