@@ -59,10 +59,8 @@ def test_arrays_are_read_only_and_the_callers_stay_writable():
 
 def test_float32_is_kept_everything_else_is_float64():
     assert small(observations=X.astype(np.float32)).observations.dtype == np.float32
-    assert small(observations=X.astype(np.float16)).observations.dtype == np.float64
-    assert small(observations=X.astype(int)).observations.dtype == np.float64
-    assert small(observations=X.astype(bool)).observations.dtype == np.float64
-    assert small(observations=X.astype(object)).observations.dtype == np.float64
+    for kind in (np.float16, int, bool, object):
+        assert small(observations=X.astype(kind)).observations.dtype == np.float64
     assert small(observations=np.asfortranarray(X)).observations.flags.c_contiguous
 
 

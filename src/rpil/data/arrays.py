@@ -30,8 +30,8 @@ SMALLEST, LARGEST = 1e-150, 1e150
 LONGEST_TEXT = 1_000
 """Characters that an id, or an action that is text, may have: an array of text takes as much for each of its rows."""
 
-_EXACT = 2.0**53
-"""Smaller floats hold integers exactly."""
+_EXACT = np.float64(2**53)
+"""Smaller floats hold integers exactly; its type makes numpy compare half precision, which lacks it, in double."""
 
 
 def as_array(values: object, what: str, where: str) -> Array:
