@@ -52,7 +52,8 @@ def as_array(values: object, what: str, where: str) -> Array:
     except DataError:
         raise
     except (ValueError, TypeError, OverflowError, RecursionError) as error:
-        raise DataError(f"{where}: {what} must be a rectangular array of numbers or text.") from error
+        remedy = "give every row as many values, or, of an episode, a dict of arrays"
+        raise DataError(f"{where}: {what} must be a rectangular array of numbers or text; {remedy}.") from error
     if array.dtype.kind not in "biufU" and array.size:
         raise DataError(f"{where}: {what} must be numbers or text, not {array.dtype}.")
     is_list = not isinstance(values, np.ndarray)
@@ -189,9 +190,8 @@ def as_offsets(values: object, ids: tuple[Id, ...], n_steps: int, where: str) ->
     """Offsets as (M + 1,) int64 rising from 0 to `n_steps`, M being the number of `ids`."""
     offsets = as_array(values, "offsets", where)
     if offsets.ndim != 1 or (offsets.size and offsets.dtype.kind not in "iu"):
-        raise DataError(
-            f"{where}: offsets must be a list of whole numbers, the first step of each demonstration and N."
-        )
+        said = "offsets must be a list of whole numbers, the first step of each demonstration and N"
+        raise DataError(f"{where}: {said}.")
     offsets = np.ascontiguousarray(offsets, dtype=np.int64)
     if len(ids) != len(offsets) - 1:
         raise DataError(f"{where}: {len(ids)} ids for {len(offsets) - 1} demonstrations; give one id for each.")
