@@ -58,7 +58,8 @@ def test_files_that_are_no_demonstration_are_named(folder, arrays, message):
 
 
 def test_two_files_in_one_folder_and_texts_that_are_no_json_are_refused(folder):
-    for text, said in (("{", "meta.json: no JSON"), ("[1]", "demonstration '2': it has no 'instruction', as others have")):
+    lacks = "demonstration '2': it has no 'instruction', as others have"
+    for text, said in (("{", "meta.json: no JSON"), ("[1]", lacks)):
         (folder / "2" / "meta.json").write_text(text)
         with pytest.raises(DataError, match=said):
             rpil.read(folder)
