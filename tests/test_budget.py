@@ -23,7 +23,7 @@ BUDGETS = {
     "data": (2335, 28),
     "estimators": (1834, 18),
     "faults": (2929, 120),
-    "formats": (5186, 54),
+    "formats": (5185, 54),
     "inference": (2208, 94),
     "mixture": (687, 11),
     "numerics": (581, 16),

@@ -59,10 +59,8 @@ def test_arrays_are_read_only_and_the_callers_stay_writable():
 
 def test_float32_is_kept_everything_else_is_float64():
     assert small(observations=X.astype(np.float32)).observations.dtype == np.float32
-    assert small(observations=X.astype(np.float16)).observations.dtype == np.float64
-    assert small(observations=X.astype(int)).observations.dtype == np.float64
-    assert small(observations=X.astype(bool)).observations.dtype == np.float64
-    assert small(observations=X.astype(object)).observations.dtype == np.float64
+    for kind in (np.float16, int, bool, object):
+        assert small(observations=X.astype(kind)).observations.dtype == np.float64
     assert small(observations=np.asfortranarray(X)).observations.flags.c_contiguous
 
 
@@ -128,7 +126,7 @@ def changed(array, row, column, value):
         ({"actions": [0, 1, np.nan, 1, 1]}, "demonstration 'b', step 0: action 0 is nan"),
         ({"offsets": [0, 0, 5]}, "x.npz, demonstration 'a': it has no steps; leave it out"),
         ({"offsets": [0, 3, 2, 5], "ids": None}, "offsets must increase from 0 to the number of steps, 5"),
-        ({"offsets": [0.0, 2.0, 5.0]}, "offsets must be a list of whole numbers"),
+        ({"offsets": [0.0, 2.0, 5.0]}, "offsets must be a list of whole numbers; give"),
         ({"offsets": [0]}, "there are no demonstrations"),
         ({"actions": Y[:4]}, "5 observations but 4 actions"),
         ({"observations": X.astype(str)}, "observations hold text, not numbers"),
@@ -151,9 +149,9 @@ def changed(array, row, column, value):
             for name in ("a\0", "", "b" * 1001, "\ud800")
         ),
         ({"ids": [0, 10**5000]}, "the id of demonstration number 1 must be a whole number of 64 bits"),
-        ({"observation_names": np.array("uv")}, r"must be a list, not of shape \(\)"),
+        ({"observation_names": np.array("uv")}, r"must be a list, not of shape \(\); name each"),
         ({"ids": ["a", "a"]}, "demonstration 'a' appears twice"),
-        ({"ids": [0.5, 1]}, "all whole numbers or all text"),
+        ({"ids": [0.5, 1]}, "all whole numbers or all text; convert them"),
         ({"ids": ["a"]}, "1 ids for 2 demonstrations"),
         ({"action_kind": "classes"}, "the actions are whole numbers, which cannot be classes; leave out"),
         ({"observation_names": ["u"]}, "name each of the 2"),

@@ -35,9 +35,8 @@ def table_of(data, **options):
 
 def test_a_clean_set_has_a_row_for_each_action_and_nothing_to_stumble_over():
     found = table_of(frame().assign(grade=lambda rows: rows["episode"]), outcome=("success", "grade"))
-    assert [found.facts[name] for name in ("episodes", "rate", "cameras")] == [10, 20, None]
-    assert found.facts["idle share"] == 0
-    assert found.facts["successes, success"] == 0.7
+    facts = {"episodes": 10, "rate": 20, "cameras": None, "idle share": 0, "successes, success": 0.7}
+    assert facts == {name: found.facts[name] for name in facts}
     assert [(row["constant"], row["wraps"], row["lag"]) for row in found.actions] == [(False, None, 2)] * 3
     assert all(0 < row["tracking error"] < 0.01 for row in found.actions)
     assert ("rate", "20 a second") in found.panels()[0]

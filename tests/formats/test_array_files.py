@@ -58,12 +58,11 @@ def test_files_that_are_no_demonstration_are_named(folder, arrays, message):
 
 
 def test_two_files_in_one_folder_and_texts_that_are_no_json_are_refused(folder):
-    (folder / "2" / "meta.json").write_text("{")
-    with pytest.raises(DataError, match=r"meta.json: no JSON"):
-        rpil.read(folder)
-    (folder / "2" / "meta.json").write_text(json.dumps([1]))
-    with pytest.raises(DataError, match="demonstration '2': it has no 'instruction', as others have"):
-        rpil.read(folder)
+    lacks = "demonstration '2': it has no 'instruction', as others have"
+    for text, said in (("{", "meta.json: no JSON"), ("[1]", lacks)):
+        (folder / "2" / "meta.json").write_text(text)
+        with pytest.raises(DataError, match=said):
+            rpil.read(folder)
     (folder / "2" / "meta.json").write_text(json.dumps({"instruction": "put"}))
     shutil.copyfile(folder / "0" / "trajectory.npz", folder / "0" / "other.npz")
     with pytest.raises(DataError, match="another file here is of the same demonstration by its name; move one"):

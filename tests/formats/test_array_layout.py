@@ -168,7 +168,7 @@ def test_numbers_of_an_observation_may_have_names(written, asked):
 
 def test_values_of_demonstrations_are_read_where_they_are_named(written):
     about = {"who": np.array(["c", "a", "b"]), "length": np.array([3.0, 1.0, 2.0])}
-    path = written(STEPS | {"episode_ids": 2 - OWNERS} | about)
+    path = written(STEPS | {"episode_ids": (2 - OWNERS).astype(np.float16)} | about)
     recording = rpil.open(path, operator="who")
     assert recording.operators == [("2", "c"), ("1", "a"), ("0", "b")]
     assert recording.description.ignored["length"] == "not one value for each step"

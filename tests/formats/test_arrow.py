@@ -1,3 +1,4 @@
+from collections import UserList
 from types import SimpleNamespace
 
 import numpy as np
@@ -46,8 +47,9 @@ def test_trajectories_are_read_and_frames_are_fitted(problem):
     ]
     np.testing.assert_array_equal(rpil.read(trajectories).observations, problem.observations)
     frame = flat.from_demonstrations(rpil.read(trajectories), {}).to_pandas()
-    cloned, same = (rpil.BehavioralCloning().fit(given) for given in (frame, rpil.read(frame)))
-    np.testing.assert_array_equal(cloned.predict(problem.observations[:5]), same.predict(problem.observations[:5]))
+    forms = (rpil.read(frame), frame, UserList(trajectories))  # the last as imitation loads them
+    first, *others = (rpil.BehavioralCloning().fit(given).predict(problem.observations[:5]) for given in forms)
+    np.testing.assert_array_equal(others, [first, first])
     with pytest.raises(DataError, match="trajectories have no columns to choose"):
         rpil.read(trajectories, id="episode")
 

@@ -40,7 +40,7 @@ NOT_OBSERVED = [
     *("reward", "rew", "next.reward", "cum_reward", "return", "success", "is_success", "score", "done", "truncated"),
     *("t", "time", "timestamp", "stamp_ns", "header.stamp", "step", "frame", "index", "Unnamed: 0", "", "next_x"),
     *("task", "task_index", "operator", "episode_length", "weight", "label", "is_good", "expert", "is_expert", "good"),
-    *("failed", "outcome", "skill_level", "advantage", "q_value", "récompense.reward"),
+    *("fail", "failed", "outcome", "skill_level", "advantage", "q_value", "récompense.reward"),
 ]
 
 

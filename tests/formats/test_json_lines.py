@@ -36,16 +36,24 @@ def test_each_file_of_a_folder_is_a_demonstration(tmp_path, monkeypatch):
         rows = [{"drive": 0, "step": k, "x": 0.3 * k, "action": k / 7} for k in range(5)]
         write(tmp_path / "two" / f"{m}.catalog", rows)
     refused("demonstration 0: it is both in 0.catalog and in 1.catalog; .*, --exclude drive", "info", "two")
+    write(tmp_path / "nested.jsonl", [{"x": [{"y": []}]}])
+    refused(r"nested\.jsonl: no column says which demonstration a row is from", "info", "nested.jsonl")
     refused("keep writes no folder of JSON lines; write the list with -o ids.json, or a", "keep", "runs", "-o", "new")
 
 
-@pytest.mark.parametrize(
-    "text", ['{"x": 1, "action": 2}\n{"x": ', "[1, 2]\n", '{"x": 1}\n{"x": "a"}\n', "[" * 9999, '{"x": [{"y": []}]}\n']
-)
-def test_what_is_damaged_is_one_sentence(text, tmp_path):
-    (tmp_path / "a.jsonl").write_text(text)
-    with pytest.raises(DataError, match=r"^a\.jsonl[:,] .*\.$"):
-        rpil.read(tmp_path / "a.jsonl")
+def test_records_that_donkeycar_marks_as_deleted_are_left_out(tmp_path):
+    rows = [{"_index": k, "_session_id": f"s{k // 10}", "enc/speed": k % 7, "user/angle": k / 9} for k in range(30)]
+    for m in (0, 1):
+        write(tmp_path / f"catalog_{m}.catalog", rows[15 * m : 15 * m + 15])
+    manifest = [["enc/speed", "user/angle"], ["float"] * 2, {}, {}, {"deleted_indexes": [3, 4, 29]}]
+    write(tmp_path / "manifest.json", manifest)
+    recording = rpil.open(tmp_path)
+    assert recording.description.format == "JSON lines, 2 files, without 3 deleted records"
+    assert recording.demonstrations.actions[:, 0].tolist() == [k / 9 for k in range(30) if k not in (3, 4, 29)]
+    rpil.open(tmp_path / "catalog_0.catalog").keep(["s0"], tmp_path / "kept.catalog")
+    assert (tmp_path / "kept.catalog").read_text().count("\n") == 8
+    write(tmp_path / "manifest.json", manifest[:4])
+    refused(r"manifest\.json: its last line does not say which records are deleted .*; copy it again", "info", tmp_path)
 
 
 STEP = '{"episode": 0, "x": 1, "action": 2}\n'
@@ -54,6 +62,7 @@ STEP = '{"episode": 0, "x": 1, "action": 2}\n'
 @pytest.mark.parametrize(
     "text",
     [
+        *('{"x": 1, "action": 2}\n{"x": ', "[1, 2]\n", '{"x": 1}\n{"x": "a"}\n', "[" * 9999),
         f'\n{STEP}\n{STEP}{{"episode": 0, "x"',
         STEP + STEP + "\0" * 100,
         STEP + STEP[:-1] + STEP,
@@ -64,6 +73,8 @@ STEP = '{"episode": 0, "x": 1, "action": 2}\n'
 def test_a_line_that_holds_no_object_or_several_is_refused(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # in which no file changes
     (tmp_path / "a.jsonl").write_bytes(text.encode())
+    with pytest.raises(DataError, match=r"^a\.jsonl[:,] .*\.$"):
+        rpil.read(tmp_path / "a.jsonl")
     for options in ([], ["--skip-bad"]):
         said = r"a\.jsonl: no lines of JSON, or damaged .*(line|row|object).*; write an object of the same kind on each"
         refused(f"{said} line", "info", tmp_path / "a.jsonl", *options)

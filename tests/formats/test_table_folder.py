@@ -14,10 +14,8 @@ from samples import lerobot
         ("drive_0.mcap", r"a recording of ROS or MCAP \(drive_0.mcap\) is never opened.*choose one rate"),
         ("drive.xlsx", r"a workbook \(drive.xlsx\) .*; export its table as CSV or Parquet"),
         ("drive.csv.gz", r"a packed table \(drive.csv.gz\) is never opened; unpack it with gunzip"),
-        (
-            "frame.pickle",
-            r"a pickle \(frame.pickle\) is never opened; it can run any code: write a frame with df\.to_parq",
-        ),
+        ("f.pickle", r"a pickle \(f.pickle\) is never opened; it can run any code: write a frame with df\.to_parq"),
+        ("data-0.arrow", r"a file of Arrow \(data-0.arrow\) is never opened; load it in Python, as with imitation"),
         ("kuka-train.tfrecord-00000-of-00002", "a data set of RLDS or TFDS .* with openx2lerobot"),
     ],
 )

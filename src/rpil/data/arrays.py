@@ -30,8 +30,8 @@ SMALLEST, LARGEST = 1e-150, 1e150
 LONGEST_TEXT = 1_000
 """Characters that an id, or an action that is text, may have: an array of text takes as much for each of its rows."""
 
-_EXACT = 2.0**53
-"""Smaller floats hold integers exactly."""
+_EXACT = np.float64(2**53)
+"""Smaller floats hold integers exactly; its type makes numpy compare half precision, which lacks it, in double."""
 
 
 def as_array(values: object, what: str, where: str) -> Array:
@@ -52,9 +52,10 @@ def as_array(values: object, what: str, where: str) -> Array:
     except DataError:
         raise
     except (ValueError, TypeError, OverflowError, RecursionError) as error:
-        raise DataError(f"{where}: {what} must be a rectangular array of numbers or text.") from error
+        remedy = "give every row as many values, or, of an episode, a dict of arrays"
+        raise DataError(f"{where}: {what} must be a rectangular array of numbers or text; {remedy}.") from error
     if array.dtype.kind not in "biufU" and array.size:
-        raise DataError(f"{where}: {what} must be numbers or text, not {array.dtype}.")
+        raise DataError(f"{where}: {what} must be numbers or text, not {array.dtype}; convert them.")
     is_list = not isinstance(values, np.ndarray)
     if is_list and (array.dtype.kind == "U" or (array.dtype == np.float64 and (np.abs(array) >= 2.0**63).any())):
         _check_items(np.asarray(values, object).ravel().tolist(), what, where)
@@ -77,7 +78,7 @@ def as_names(values: Iterable[object], where: str) -> tuple[str, ...]:
     """Names of observations, as text; a `DataError` where they are no list."""
     array = as_array(values, "observation names", where)
     if array.ndim != 1:
-        raise DataError(f"{where}: observation names must be a list, not of shape {array.shape}.")
+        raise DataError(f"{where}: observation names must be a list, not of shape {array.shape}; name each number.")
     return tuple(str(name) for name in array.tolist())
 
 
@@ -164,7 +165,7 @@ def as_ids(values: Iterable[object], where: str) -> tuple[Id, ...]:
         values = as_array(values, "demonstration ids", where).tolist()
     given = tuple(value.item() if isinstance(value, np.generic) else value for value in values)
     if not (all(isinstance(i, int) for i in given) or all(isinstance(i, str) for i in given)):
-        raise DataError(f"{where}: demonstration ids must be all whole numbers or all text.")
+        raise DataError(f"{where}: demonstration ids must be all whole numbers or all text; convert them.")
     ids = cast(tuple[Id, ...], given)
     for m, name in enumerate(ids):
         check_name(name, f"the id of demonstration number {m}", where)
@@ -189,9 +190,8 @@ def as_offsets(values: object, ids: tuple[Id, ...], n_steps: int, where: str) ->
     """Offsets as (M + 1,) int64 rising from 0 to `n_steps`, M being the number of `ids`."""
     offsets = as_array(values, "offsets", where)
     if offsets.ndim != 1 or (offsets.size and offsets.dtype.kind not in "iu"):
-        raise DataError(
-            f"{where}: offsets must be a list of whole numbers, the first step of each demonstration and N."
-        )
+        said = "offsets must be a list of whole numbers; give the first step of each demonstration, and N"
+        raise DataError(f"{where}: {said}.")
     offsets = np.ascontiguousarray(offsets, dtype=np.int64)
     if len(ids) != len(offsets) - 1:
         raise DataError(f"{where}: {len(ids)} ids for {len(offsets) - 1} demonstrations; give one id for each.")

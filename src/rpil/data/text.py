@@ -142,7 +142,7 @@ STATE = re.compile(r"states?(?:_.*|\d.*|)")
 OUTCOME = re.compile(
     r"(?:.*_)?(?:rewards?|rews?|returns?|scores?|success(?:es|ful)?|succeeded|dones?|terminals?|terminated|terminations?"
     r"|truncated|truncations?|timeouts?)(?:_.*)?|weights?|expert_proba|log_odds|labels?|quality|ratings?|grades?|verdicts?"
-    r"|(?:is_)?(?:experts?|good|bad|optimal|failed|failures?)|outcomes?|skills?(?:_levels?)?|advantages?|q_values?|splits?_\w+"
+    r"|(?:is_)?(?:experts?|good|bad|optimal|fail(?:ed|ures?)?)|outcomes?|skills?(?:_levels?)?|advantages?|q_values?|splits?_\w+"
 )
 OWN_TABLES = {"labels.csv", "verdicts.csv", "labels-verdicts.csv"}  # as rpil calls what it writes, beside data perhaps
 _OWN_COLUMN = re.compile(r"weights?|expert_proba|log_odds|labels?|verdicts?")  # as rpil and its users write them

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
@@ -78,7 +78,7 @@ class LinearPolicySpec:
 ROWS = "rows"
 """The constructor parameter `groups` of an estimator for which each row is a demonstration."""
 
-Given = Demonstrations | Frame | list[object] | Iterator[object]
+Given = Demonstrations | Frame | Sequence[object] | Iterator[object]
 """Demonstrations, or what they are read from: a data frame, or trajectories."""
 
 
@@ -89,7 +89,7 @@ def as_demonstrations(
 
     Every row is one only where the estimator has the parameter ``groups="rows"``; else a `DataError` without groups.
     """
-    if y is None and isinstance(X, Frame | list | Iterator):
+    if y is None and isinstance(X, Frame | Sequence | Iterator) and not isinstance(X, str):
         X = read(X)
     if isinstance(X, Demonstrations):
         estimator.n_features_in_ = X.n_observations

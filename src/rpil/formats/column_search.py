@@ -64,9 +64,8 @@ def find_columns(
     """
     parts = [(part, name) for name in kinds for part in lists.get(name, (name,))]
     check_names([part for part, _ in parts], source)
-    of_each: dict[str, Kind] = {
-        m: "nested" if kinds[own] == "list" and own not in lists else kinds[own] for m, own in parts
-    }
+    is_nested = {own for own, kind in kinds.items() if kind == "list" and own not in lists}
+    of_each: dict[str, Kind] = {m: "nested" if own in is_nested else kinds[own] for m, own in parts}
     return _Search(dict(parts), of_each, source, options, lists).columns(default_id)
 
 

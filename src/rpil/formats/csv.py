@@ -137,9 +137,8 @@ def write_tables(path: Path, tables: Iterator[pa.Table]) -> None:
     safe = pa.schema([field.with_name(str(to_cell(field.name))) for field in schema])
     with replacing(path) as temporary, pa.csv.CSVWriter(temporary, safe) as writer:
         for table in itertools.chain([first], tables):
-            writer.write_table(
-                pa.table([each_text(to_cell, column) for column in table.cast(schema).columns], schema=safe)
-            )
+            cells = [each_text(to_cell, column) for column in table.cast(schema).columns]
+            writer.write_table(pa.table(cells, schema=safe))
 
 
 def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str | None = None) -> Columns:
@@ -148,7 +147,6 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
         said = f"it has one column, {file.names[0][:40]!r}; write commas, semicolons or tabs between columns"
         raise DataError(f"{file.path.name}: {said}.")
     check_names(file.names, file.path.name)
-
     with _parsing(file), file.path.open("rb") as text:
         content = text.read(_CHUNK)
         content = content[: content.find(b"\n", _HEAD_BYTES) + 1] or content  # whole lines
@@ -185,14 +183,10 @@ def _parsing(file: TextTable) -> Iterator[None]:
 
 def _options(file: TextTable, block_size: int, **conversion: object) -> tuple[object, ...]:
     """The options for reading, parsing and converting the bytes of a file."""
-    return (
-        pa.csv.ReadOptions(column_names=file.names, skip_rows=file.skip_rows, block_size=block_size),
-        pa.csv.ParseOptions(
-            delimiter=file.separator,
-            invalid_row_handler=lambda row: "skip" if row.text.lstrip().startswith("#") else "error",
-        ),
-        pa.csv.ConvertOptions(decimal_point=file.decimal, **conversion),
-    )
+    comments = {"invalid_row_handler": lambda row: "skip" if row.text.lstrip().startswith("#") else "error"}
+    lines = pa.csv.ReadOptions(column_names=file.names, skip_rows=file.skip_rows, block_size=block_size)
+    cells = pa.csv.ParseOptions(delimiter=file.separator, **comments)
+    return lines, cells, pa.csv.ConvertOptions(decimal_point=file.decimal, **conversion)
 
 
 def _rows_of(

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Set
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.json
 
 from rpil.data.errors import guarded
-from rpil.data.memory import check_memory
-from rpil.data.text import natural_key
+from rpil.data.memory import check_memory, object_in, read_text
+from rpil.data.text import counted, natural_key
 from rpil.formats import table as flat
 from rpil.formats.columns import FILE, ColumnOptions
 from rpil.formats.csv import MEMORY_PER_BYTE
 from rpil.formats.format import Defect, Format, StepTables, called, from_arrow, plain_columns
 from rpil.formats.scan import parts_in_words, without_damaged
 from rpil.formats.table_folder import has_tables
+from rpil.numerics.types import Array
 
 JSON_SUFFIXES = (".jsonl", ".ndjson", ".catalog")
 _LARGEST_BLOCK = (1 << 31) - 1
@@ -36,12 +37,13 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     """
     files = {file.relative_to(path).as_posix() if path.is_dir() else file.name: file for file in _files(path)}
     check_memory(MEMORY_PER_BYTE * sum(file.stat().st_size for file in files.values()), path.name, options.memory)
-    tables, damaged = without_damaged(files, lambda name: _parsed(files[name]), options.skip_bad)
+    found, damaged = without_damaged(files, lambda name: _parsed(files[name]), options.skip_bad)
+    tables = {m: one if (left := _are_left(files[m], one)).all() else one.filter(left) for m, one in found.items()}
     default, sizes = FILE if path.is_dir() else None, {m: len(one) for m, one in tables.items()}
-    if default:
-        tables = {m: tables[m].append_column(FILE, pa.repeat(m.rpartition(".")[0], sizes[m])) for m in sizes}
+    tables = {m: tables[m].append_column(FILE, pa.repeat(m.rpartition(".")[0], sizes[m])) for m in sizes}
     table = flat.end_to_end([*tables.values()], path.name)
     name = "JSON lines" if len(files) == 1 else f"JSON lines, {len(tables):,} files"
+    name += f", without {counted(n, 'deleted record')}" if (n := sum(map(len, found.values())) - len(table)) else ""
     return replace(from_arrow([table], options, path.name, name, default), sizes=sizes, skipped=tuple(damaged))
 
 
@@ -69,13 +71,23 @@ def _parsed(file: Path) -> pa.Table:
         return table
 
 
+def _are_left(file: Path, table: pa.Table) -> Array:
+    """False for the rows of records that Donkeycar only marks as deleted, in the last line of its manifest."""
+    manifest = file.with_name("manifest.json")
+    if file.suffix != ".catalog" or not manifest.is_file():
+        return np.ones(len(table), bool)
+    with guarded(manifest, "its last line does not say which records are deleted", "copy it again"):
+        deleted = object_in(read_text(manifest).splitlines()[-1])["deleted_indexes"]
+        return ~np.isin(table["_index"].to_numpy(), np.array(deleted, np.int64))
+
+
 def keep_lines(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> None:
     """Copy the lines of the demonstrations `ids`, byte for byte."""
-    table, lines = _parsed(path), [line for line in path.read_bytes().split(b"\n") if line.strip()]
+    table, lines = _parsed(path), [line + b"\n" for line in path.read_bytes().split(b"\n") if line.strip()]
     episode = from_arrow([table], options, path.name, "").columns.episode
     names, owners = flat.id_codes(table, episode, lambda _: path.name)
-    wanted = {k for k, name in enumerate(names) if str(name) in ids}
-    output.write_bytes(b"".join(line + b"\n" for line, owner in zip(lines, owners, strict=True) if owner in wanted))
+    wanted = np.isin(owners, [k for k, name in enumerate(names) if str(name) in ids]) & _are_left(path, table)
+    output.write_bytes(b"".join(line for line, is_wanted in zip(lines, wanted, strict=True) if is_wanted))
 
 
 _NAMED = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".npy", ".npz", ".mp4", ".avi", ".wav", ".pcd")
@@ -95,8 +107,7 @@ def find_defects(path: Path) -> Iterator[Defect]:
         sizes = dict[str, int]()
         for place in (folder.resolve() / name for name in (*sorted(named)[:20], *_FOLDERS)):
             if place.is_dir() and place.resolve() == place:
-                with os.scandir(place) as entries:
-                    sizes |= {e.name: e.stat(follow_symlinks=False).st_size for e in entries if e.is_file()}
+                sizes |= {file.name: file.lstat().st_size for file in place.iterdir() if file.is_file()}
         rows = [sizes.get(text.name) for text in texts]
         for size, what in ((0, "empty"), (None, "not there")):
             if any(rows) and (wrong := [row for row, own in enumerate(rows) if own == size]):

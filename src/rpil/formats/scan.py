@@ -128,11 +128,9 @@ class Scan:
                 self.kind, self.reason = "refused", f"the action has several parts: {said}"
                 self.fault = DataError(f"{steps.source}: {self.reason}; name the part to judge with --action.")
             return
-        is_text, wanted = layout.action.kind == "U", layout.action_kind
+        n, is_text, wanted = len(self.classes), layout.action.kind == "U", layout.action_kind
         try:
-            self.kind, self.reason = action_kind(
-                len(self.classes), len(steps), is_text, self._is_whole, wanted, steps.source
-            )
+            self.kind, self.reason = action_kind(n, len(steps), is_text, self._is_whole, wanted, steps.source)
         except DataError as error:
             self.kind, self.reason = "refused", error.in_shell.removeprefix(f"{steps.source}: ").rstrip(".")
             self.fault = self.fault or error

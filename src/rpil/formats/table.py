@@ -75,10 +75,8 @@ def from_demonstrations(demonstrations: Demonstrations, truth: Mapping[str, Arra
 def step_columns(ids: Sequence[object], offsets: Array) -> dict[str, Array]:
     """The two columns that identify a step: the id of its demonstration, and its number within it, from 0."""
     lengths = np.diff(offsets)
-    return {
-        EPISODE[0]: np.repeat(np.array(ids), lengths),
-        STEP: np.arange(offsets[-1]) - np.repeat(offsets[:-1], lengths),
-    }
+    numbers = np.arange(offsets[-1]) - np.repeat(offsets[:-1], lengths)
+    return {EPISODE[0]: np.repeat(np.array(ids), lengths), STEP: numbers}
 
 
 def end_to_end(tables: Sequence[pa.Table], source: str) -> pa.Table:

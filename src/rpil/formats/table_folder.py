@@ -25,6 +25,7 @@ _REFUSED = {
     (".mcap", ".bag", ".db3"): ("recording of ROS or MCAP", "choose one rate, and write a table or a LeRobot folder"),
     (".tfrecord",): ("data set of RLDS or TFDS", "convert it to LeRobot with openx2lerobot of any4lerobot"),
     (".pkl", ".pickle"): ("pickle", "it can run any code: write a frame with df.to_parquet"),
+    (".arrow", ".feather"): ("file of Arrow", "load it in Python, as with imitation.data.serialize.load"),
     (".xlsx", ".xls", ".ods"): ("workbook", "export its table as CSV or Parquet"),
     _PACKED: ("packed table", "unpack it with gunzip"),
 }

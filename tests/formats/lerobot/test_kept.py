@@ -110,15 +110,11 @@ def test_no_video_outside_the_folder_is_read(tmp_path, place):
     for name in ("observation.images.front.mp4", "secret.mp4"):
         (tmp_path / name).write_bytes(b"key")
         (tmp_path.parent / name).write_bytes(b"key")
-    folders.change_info(root, video_path=place)
-    with pytest.raises(DataError):
-        find(root).keep(tmp_path / "kept", [1])
-    folders.change_info(root, video_path=None)
-    with pytest.raises(DataError, match="video_path is not there; write the path"):
-        find(root).keep(tmp_path / "kept", [1])
-    folders.change_info(root, features={"../../x": {"dtype": "video"}})
-    with pytest.raises(DataError, match="no name of a camera"):
-        find(root).keep(tmp_path / "kept", [1])
+    lacks, names = "video_path is not there; write the path", {"features": {"../../x": {"dtype": "video"}}}
+    for change, said in (({"video_path": place}, "."), ({"video_path": None}, lacks), (names, "no name of a camera")):
+        folders.change_info(root, **change)
+        with pytest.raises(DataError, match=said):
+            find(root).keep(tmp_path / "kept", [1])
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="needs files of other people's tools")

@@ -259,9 +259,7 @@ def _in_episodes(folder: CheckedFolder) -> Iterator[Defect]:
             yield Defect("episode table", str(m), "meta does not list it")
             continue
         expected = {"length": n} | ({"dataset_from_index": first, "dataset_to_index": first + n} if first >= 0 else {})
-        wrong = [
-            f"{name} is {row[name]}, not {value}" for name, value in expected.items() if row.get(name, value) != value
-        ]
+        wrong = [f"{name} is {row[name]}, not {own}" for name, own in expected.items() if row.get(name, own) != own]
         places = [row[f"data/{name}"] for name in ("chunk_index", "file_index") if f"data/{name}" in row]
         named = fill(str(folder.info.get("data_path") or DATA_PATH), *places) if places else file
         wrong += [f"its data are in {file}, not in {named}"] if named != file else []
