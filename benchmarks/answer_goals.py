@@ -65,10 +65,10 @@ def by_coin(audits: list[Row], draws: int, count: int, as_asked: bool = False) -
     rows, way = [], " as asked" if as_asked else ""
     for kind in dict.fromkeys(audit["kind"] for audit in audits):
         shares = []
-        for audit in audits:
+        for k, audit in enumerate(audits):
             n = len(audit["good"])
             for draw in range(draws if audit["kind"] == kind and count <= n / 2 else 0):
-                rng, labels = np.random.default_rng(draw), np.zeros(n, dtype=int)
+                rng, labels = np.random.default_rng([draw, k]), np.zeros(n, dtype=int)
                 if as_asked:
                     for coin in rng.choice([1, -1], count):
                         labels[next_asked(audit, labels, [])] = coin

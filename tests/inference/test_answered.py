@@ -45,13 +45,10 @@ def trust_in(answers):
     return max(agreement(evidence[answered][told], right[told], len(answers.pairs)), SETTINGS.min_trust)
 
 
-def factor(trust):
-    return SETTINGS.sharpness * min(trust / SETTINGS.full_trust, 1) ** 2
-
-
 def log_odds_by(answers):
     """By the columns as far as answers agree, and by witnesses."""
-    return factor(trust_in(answers)) * by_columns(answers) + evidence_of(answers)[-1]
+    factor = SETTINGS.sharpness * min(trust_in(answers) / SETTINGS.full_trust, 1) ** 2
+    return factor * by_columns(answers) + evidence_of(answers)[-1]
 
 
 def test_a_label_decides_about_its_own_demonstration_and_others_are_judged_by_it():
@@ -83,11 +80,10 @@ def test_answers_act_as_far_as_they_predict_each_other():
         assert found.follows is follows
         assert found.verdicts[some.labels == 0].any() == follows
         np.testing.assert_array_equal(found.verdicts[some.labels != 0], some.labels[some.labels != 0])
-    free = np.array(AS_NOTHING_SAYS) == 0
-    nothing = judged(answers_of(AS_NOTHING_SAYS))
+    free, nothing = np.array(AS_NOTHING_SAYS) == 0, judged(answers_of(AS_NOTHING_SAYS))
     assert (nothing.follows, nothing.verdicts[free].any()) == (False, False)
-    shrunk = factor(SETTINGS.min_trust) * by_columns(answers_of(AS_NOTHING_SAYS))
-    np.testing.assert_allclose(nothing.log_odds[free], shrunk[free])
+    assert trust_in(answers_of(AS_NOTHING_SAYS)) == SETTINGS.min_trust
+    np.testing.assert_allclose(nothing.log_odds[free], log_odds_by(answers_of(AS_NOTHING_SAYS))[free])
 
 
 @pytest.mark.parametrize(
@@ -106,8 +102,7 @@ def test_the_agreement_of_answers_by_hand(evidence, right, n_pairs, expected):
 @pytest.mark.parametrize(
     "one",
     [
-        *[answers_of([0] * 11 + [label]) for label in (1, -1)],
-        *[answers_of([0] * 6 + [label] * 6) for label in (1, -1)],
+        *[answers_of([0] * (12 - n) + [label] * n) for n in (1, 6) for label in (1, -1)],
         answers_of(pairs=[(11, 0)]),
         answers_of(outcome=[NAN] * 6 + [1.0] * 6),
         answers_of(tied=[(0, 11), (3, 4)]),

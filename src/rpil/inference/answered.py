@@ -6,9 +6,8 @@ ranking, and `by_group` on the last one, the group of scores. "i is better than 
 difference" such a row both ways (Davidson 1970). Demonstrators are columns, too, which count as far as answers bear
 them out.
 
-Answers act as far as they predict each other: each is predicted by the others, and the log-odds are multiplied by how
-much more often than not they are right. Where demonstrations are of several tasks, answers of one are evidence about
-another: each task has weights of its own beside those that all share. docs/model.md has the formulas.
+Answers act as far as they predict each other: the trust in them is how much more often than not the others are right
+about each. Each of several tasks has weights of its own beside those that all share. docs/model.md has the formulas.
 """
 
 from __future__ import annotations
