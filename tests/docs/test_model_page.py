@@ -30,9 +30,9 @@ def test_constants_of_answers_are_those_of_the_judge():
     assert f"$w_0$ is {short(answers.by_ranking)} on the ranking, {short(answers.by_group)} on the group" in FLAT
     assert f"0 elsewhere; $\\Lambda$ is {short(answers.precision)}. " in FLAT
     assert f"one kind leads by {'two' if answers.max_lead == 2 else answers.max_lead}" in FLAT
-    assert f"{short(answers.rare_place)} from the end of the other kind" in FLAT
-    *places, last = map(short, answers.asked_places)
-    assert f"at fixed places of the ranking: {', '.join(places)} and {last}," in FLAT
+    end = answers.end_place
+    assert f"{short(end)} from the end of the other kind" in FLAT
+    assert f"at the places {short(end)} and {short(1 - end)} of the ranking" in FLAT
     assert f"(of more than {answers.max_folds}, by those of other folds)" in FLAT
     assert f"at least {short(answers.min_proba)} or at most {short(round(1 - answers.min_proba, 9))} " in FLAT
     assert settings.ChannelSettings().n_components == 8

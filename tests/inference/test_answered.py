@@ -246,14 +246,14 @@ def asked(ranking, labels, k, said=None, now=None):
 def test_labels_are_asked_for_at_fixed_places_of_the_ranking():
     log_odds, labels = np.random.default_rng(0).permutation(101).astype(float), np.zeros(101, dtype=np.int64)
     chosen = asked(log_odds, labels, 14)
-    fixed = [0.1, 0.95, 0.3, 0.55, 0.03, 0.75, 0.2, 0.4]
-    # and 8 to 13 times .618, of which the nearest, .95 and .55, are taken
-    assert places(log_odds, chosen) == pytest.approx([*fixed, 0.94, 0.56, 0.18, 0.80, 0.42, 0.04])
+    # 2 to 13 times .618, modulo 1
+    by_golden = [0.24, 0.85, 0.47, 0.09, 0.71, 0.33, 0.94, 0.56, 0.18, 0.80, 0.42, 0.03]
+    assert places(log_odds, chosen) == pytest.approx([0.05, 0.95, *by_golden])
     for n, sign in enumerate([-1, 1, -1, 1]):
         labels[chosen[n]] = sign
         assert asked(log_odds, labels, 2) == chosen[n + 1 : n + 3]
-    beside = asked(log_odds, np.zeros(101), 1, log_odds == 10)
-    assert places(log_odds, beside) in ([0.09], [0.11])
+    beside = asked(log_odds, np.zeros(101), 1, log_odds == 5)
+    assert places(log_odds, beside) in ([0.04], [0.06])
 
 
 def test_once_a_kind_leads_the_next_one_is_likely_of_the_other_kind():
@@ -261,11 +261,11 @@ def test_once_a_kind_leads_the_next_one_is_likely_of_the_other_kind():
     for sign, likely in ((1, 96), (-1, 4)):
         labels = np.zeros(101)
         labels[[10, 30, 95]] = sign  # of one kind alone: at fixed places
-        assert asked(ranking, labels, 1, now=now) == [55]
-        labels[55] = -sign
-        assert asked(ranking, labels, 2, now=now) == [likely, 75]
+        assert asked(ranking, labels, 1, now=now) == [85]
+        labels[85] = -sign
+        assert asked(ranking, labels, 2, now=now) == [likely, 9]
         labels[likely] = -sign
-        assert asked(ranking, labels, 1, now=now) == [75]
+        assert asked(ranking, labels, 1, now=now) == [9]
 
 
 def test_nothing_is_asked_twice_and_what_is_given_stays_as_it_is():
@@ -274,7 +274,7 @@ def test_nothing_is_asked_twice_and_what_is_given_stays_as_it_is():
         assert sorted(asked(np.arange(5.0), labels, 9, said)) == left
     assert said.tolist() == [False, False, False, True, True]
     assert asked(np.zeros(1), [0], 2) == [0]
-    assert asked(np.arange(4.0), [0, 0, 1, -1], 1) == [1]  # the first of two places at .3
+    assert asked(np.arange(4.0), [0, 0, 1, -1], 1) == [1]  # nearest to .24
 
 
 EVERY = np.append(np.arange(12), [11, 11, 0])  # two copies of the best, one of the worst

@@ -155,14 +155,14 @@ def test_the_pair_is_asked_about_before_any_answer(changes, is_asked):
 def test_labels_are_asked_for_at_fixed_places_of_the_ranking_without_answers():
     """The 21 places are 0, .05, .. 1, and the labels are those of 20, 19, .. 0."""
     made = {"log_odds": np.zeros(21), "from_actions": np.arange(20.0, -1, -1)}
-    order = (18, 1, 14, 9, 19, 5, 16, 12)  # .1, .95, .3, .55, .03, .75, .2, .4
+    order = (19, 1, 15, 3, 11, 18, 6, 13)  # .05, .95, .24, .85, .47, .09, .71, .33
     audit = make_audit(("open",) * 21, **made)
     assert (audit.suggest_labels(1), audit.suggest_labels(8)) == (order[:1], order)
     assert {*audit.suggest_labels(99)} == {*range(21)}
-    labelled = make_audit(("open",) * 21, labels={18: -1, 3: 1}, **made)
+    labelled = make_audit(("open",) * 21, labels={19: -1, 1: 1}, **made)
     assert labelled.suggest_labels(2) == order[2:4]
-    rules = tuple("outcome" if m == 14 else "" for m in range(21))
-    assert replace(labelled, rejected_by=rules).suggest_labels(2) == (13, 9), "of a failure is known enough"
+    rules = tuple("outcome" if m == 15 else "" for m in range(21))
+    assert replace(labelled, rejected_by=rules).suggest_labels(2) == (16, 3), "of a failure is known enough"
     with pytest.raises(DataError, match="k=0 labels cannot be suggested; ask for one at least"):
         audit.suggest_labels(0)
 

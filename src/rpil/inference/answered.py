@@ -214,10 +214,10 @@ def places_to_ask(
     free, chosen, n_answers, lead = ~is_said, list[int](), int(np.count_nonzero(labels)), int(labels.sum())
     if settings.max_lead <= abs(lead) < n_answers and free.any():
         order = np.flatnonzero(free)[np.argsort(np.sign(lead) * log_odds[free], kind="stable")]
-        chosen.append(int(order[int(settings.rare_place * len(order))]))
+        chosen.append(int(order[int(settings.end_place * len(order))]))
         free[chosen] = False
     for n in range(n_answers + len(chosen), n_answers + min(k, len(chosen) + int(free.sum()))):
-        asked = settings.asked_places[n] if n < len(settings.asked_places) else n * golden % 1
+        asked = (settings.end_place, 1 - settings.end_place)[n] if n < 2 else n * golden % 1
         chosen.append(int(np.argmin(np.where(free, np.abs(place - asked), np.inf))))
         free[chosen[-1]] = False
     return chosen

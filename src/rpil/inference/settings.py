@@ -135,8 +135,7 @@ class ChannelSettings:
     max_contradicted_proba="(0, 1)",
     prior_log_odds="[0, inf)",
     max_levels="[2, inf)",
-    asked_places="[0, 1]",
-    rare_place="[0, 1)",
+    end_place="[0, 0.5)",
     max_folds="[2, inf)",
 )
 class AnswerSettings:
@@ -173,12 +172,11 @@ class AnswerSettings:
     """Other answers, at least, that a label can contradict."""
     max_folds: int = 16
     """Answers up to which each is predicted by all others; of more, each by those of the other folds."""
-    asked_places: tuple[float, ...] = (0.1, 0.95, 0.3, 0.55, 0.03, 0.75, 0.2, 0.4)
-    """Places in the ranking, from the lowest, at which labels are asked for, one after the other."""
+    end_place: float = 0.05
+    """Place in the ranking, from the lowest, of the first label that is asked for; from the highest, of the second."""
     max_lead: int = 2
-    """Labels by which one known kind leads the other before one that is likely of the other kind is asked for."""
-    rare_place: float = 0.05
-    """Place of that one in the order of P(good), from its end."""
+    """Labels by which one known kind leads the other before one that is likely of the other kind is asked for, at
+    `end_place` of the order of P(good), from its end."""
 
 
 @settings_record(variance_steps="[0, inf)", min_gain="[0, inf)", monotony="[0, inf)")
