@@ -24,7 +24,7 @@ BUDGETS = {
     "estimators": (1834, 18),
     "faults": (2929, 120),
     "formats": (5185, 54),
-    "inference": (2208, 94),
+    "inference": (2206, 86),
     "mixture": (687, 11),
     "numerics": (581, 16),
     "policies": (1248, 49),
@@ -35,7 +35,7 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 23_237, 2_069, 23_971
+LINES, PAGE_LINES, TEST_LINES = 23_234, 2_069, 23_971
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0
