@@ -143,7 +143,7 @@ def fit_within_tasks(
         what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
         settings = replace(options.settings.audit, judge=options.settings.judge, weighs_for_learner=keeps_policy)
         answers = Answers.none(len(ids)) if share else stated.answers
-        audit = join_audits(audits, places, ids, offsets, answers, what)
+        audit = join_audits(audits, places, ids, offsets, answers, what, len(demonstrations.ids))
         trust = np.repeat(answers.labels >= 0, audit.lengths)  # also of those that are alone in their task
         audit = replace(audit, step_weight=audit.step_weight * trust, settings=settings, fps=fps)
     if share:
