@@ -103,8 +103,7 @@ def test_every_requirement_has_a_lowest_version():
 
 @pytest.mark.slow
 def test_the_package_works_without_extras(tmp_path):
-    """The files that are packed, with the packages that rpil needs alone; `.ci/run` builds the wheel, and has an empty
-    environment for it."""
+    """The packed files with the packages that rpil needs alone; `.ci/run` builds the wheel, in an empty environment."""
     first = re.search(r"```sh\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)[1]
     assert first.startswith(f"pip install 'rpil[video,review] @ git+{PROJECT['urls']['Repository']}'")
     library, folder = tmp_path / "library", tmp_path / "work"

@@ -106,8 +106,7 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
 
 
 def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, default_id: str | None = None) -> StepTables:
-    """Read files with the same columns, one below the other; each is a demonstration where no column is its id, and the
-    `default_id` is `FILE`."""
+    """Read files with the same columns; each is a demonstration where none is its id, if the `default_id` is `FILE`."""
     folder = os.path.commonpath([path.absolute().parent for path in paths])
     named = {path.absolute().relative_to(folder).as_posix(): path for path in paths}
 
@@ -241,8 +240,7 @@ def _tables(
 
 
 def _whole(table: pa.Table, name: str, file: TextTable, columns: Columns) -> pa.Table:
-    """The rows of a file called `name` with its name, if it is the id; spaces around texts go, and "" is null, but for
-    observations."""
+    """The rows of a file, with its `name` if that is the id; "" is null and texts are stripped, but in observations."""
     if columns.episode == FILE:
         table = table.append_column(FILE, [[Path(name).with_suffix("").as_posix()] * len(table)])
     for k, field in enumerate(table.schema):

@@ -66,8 +66,7 @@ class StepTables:
 def from_arrow(
     tables: Iterable[pa.Table], options: ColumnOptions, source: str, format_name: str, default_id: str | None = None
 ) -> StepTables:
-    """The recording in tables with a row for each step, whose columns are found by name in the first; see
-    `find_columns`."""
+    """The recording in tables with a row for each step, by the columns that `find_columns` finds in the first."""
     waiting = map(plain_columns, tables)
     table = next(waiting, pa.table({}))
     check_names(table.column_names, source)
