@@ -97,8 +97,7 @@ def test_it_takes_what_is_in_memory(folder):
     assert audit(recording).run_id == from_path.run_id
     demonstrations = recording.demonstrations.select(slice(None))
     found = audit(demonstrations)
-    assert found.run_id == from_path.run_id
-    assert found.ids == demonstrations.ids
+    assert (found.run_id, found.ids) == (from_path.run_id, demonstrations.ids)
     for given, way in (({"id": "trip"}, r"\."), ({"outcome": "rewards"}, ", or give outcome a number for each")):
         with pytest.raises(
             DataError, match=f"Demonstrations has no columns to choose: name them where it is read{way}"

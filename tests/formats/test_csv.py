@@ -55,8 +55,7 @@ VARIANTS = {
 
 
 def assert_read(d, expected):
-    assert len(d) == M
-    assert len(set(d.ids)) == M
+    assert (len(d), len(set(d.ids))) == (M, M)
     order = np.lexsort([STEP, RUN])
     by_id = sorted(range(M), key=lambda m: str(d.ids[m]))
     rows = np.concatenate([np.arange(d.offsets[m], d.offsets[m + 1]) for m in by_id])

@@ -77,10 +77,8 @@ def test_members_of_a_lower_group_are_below_where_it_is_certain_and_lies_apart_a
 
 
 def test_a_lower_part_has_two_members_at_least_and_is_not_all():
-    assert below(SCORE[:-2]) == []
-    assert below(SCORE[:-1]) == [6, 7]
-    assert below(SCORE, min_group=4) == []
-    assert below(SCORE[:-2], min_group=1) == [6]
+    assert (below(SCORE[:-2]), below(SCORE[:-1])) == ([], [6, 7])
+    assert (below(SCORE, min_group=4), below(SCORE[:-2], min_group=1)) == ([], [6])
     assert below([0.0] * 9) == []
 
 

@@ -81,8 +81,7 @@ def written(form: str, found: Sequence[Numbered], source: str, title: str, sente
 def sarif(found: Sequence[Numbered], source: str) -> dict[str, object]:
     """The findings in the data at `source` as SARIF 2.1.0.
 
-    Code scanning tells results apart by their fingerprints, here of the rule, the demonstration, and how many came
-    before of both.
+    Fingerprints tell results apart there: of the rule, the demonstration, and how many came before of both.
     """
     rules, results, seen = dict[str, Mapping[str, object]](), [], Counter[tuple[str, str]]()
     for number, place, sentence, line, file in sorted(found, key=lambda one: one.number):

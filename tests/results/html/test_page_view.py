@@ -41,8 +41,7 @@ def test_columns_are_those_of_the_audit_in_the_order_of_the_data():
     stretches = [worst_stretch(audit.log_ratio(m)) for m in range(len(audit.ids))]
     assert columns["stretch"] == [one and [*one] for one in stretches]
     assert columns["stretch"][9][0] < 168 / 2 < columns["stretch"][9][1]  # it goes wrong in its middle
-    assert found["counts"] == audit.verdict_counts()
-    assert found["run"] == audit.run_id
+    assert (found["counts"], found["run"]) == (audit.verdict_counts(), audit.run_id)
 
 
 def test_numbers_stand_for_ids():
