@@ -163,8 +163,7 @@ def read_recording(
 
 def read_demonstrators(where: str, recording: Recording) -> dict[str, str]:
     """Demonstrator of each demonstration by its id as text. `where` is a CSV file (id,demonstrator), or the column of
-    operators that the recording was read with. A `DataError` names the file: a demonstration with two demonstrators, an
-    empty name."""
+    operators of the recording. A `DataError` names the file: a demonstration with two demonstrators, an empty name."""
     if is_id_file(where):
         return match_demonstrators(read_id_pairs(where, "demonstrator"), Path(where).name)
     return match_demonstrators(recording.operators, f"{recording.description.source}, {where!r}")

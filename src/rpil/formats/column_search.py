@@ -228,7 +228,9 @@ class _Search:
             hits = self.named(pattern)
             if not hits:
                 close = get_close_matches(pattern, self.names[:10_000], 3) or self.names
-                said = f"no column is called {pattern!r}; correct --{option} (found {quoted(close)})"
+                beside = {"operator": "demonstrator", "outcome": "value"}.get(option)
+                way = f"correct --{option}{f', or give a CSV file (id,{beside})' * bool(beside)}"
+                said = f"no column is called {pattern!r}; {way} (found {quoted(close)})"
                 raise DataError(f"{self.source}: {said}.")
             found |= dict.fromkeys(hits)
         return list(found)

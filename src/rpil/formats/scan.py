@@ -279,8 +279,7 @@ _MOST_NAMED = 30  # in one line
 def without_damaged(
     names: Iterable[str], read: Callable[[str], Found], skips: object = True
 ) -> tuple[dict[str, Found], list[str]]:
-    """Result of `read` for each file, and the names of the damaged ones; an error where `skips` is false for them, or
-    no file is left."""
+    """Result of `read` for each file, and the names of damaged ones; an error if not `skips`, or if all are damaged."""
     found: dict[str, Found] = {}
     damaged: dict[str, DataError] = {}
     for name in names:
