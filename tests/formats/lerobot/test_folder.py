@@ -48,9 +48,7 @@ def test_ids_of_a_column_are_not_taken_for_numbers_of_episodes(dataset):
     with pytest.raises(DataError, match="keep writes no folder by other ids than its own; write the list"):
         find(dataset).keep(dataset.with_name("kept"), [1], ColumnOptions(id="task_index"))
     assert not dataset.with_name("kept").exists()
-    with pytest.raises(
-        DataError, match=r"^drive/data/chunk-000/file-000\.parquet: no column is called 'operator'"
-    ):
+    with pytest.raises(DataError, match=r"^drive/data/chunk-000/file-000\.parquet: no column is called 'operator'"):
         formats.read_recording(dataset, ColumnOptions(operator="operator"))  # which may be in meta/episodes
 
 
