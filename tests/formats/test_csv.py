@@ -153,6 +153,10 @@ REFUSED = {
         "run;x;action\n" + 250 * "1;0,5;1,5\n" + "1;.5;0,5\n",
         r"'x' holds \.5, and other numbers .* ','; write",
     ),
+    "quoted": (
+        "run,x,turn\n" + 9 * '1,"0,5","1,5"\n',
+        r"no column holds the action: .*; column 'x' has decimal commas; w",
+    ),
     "no id": (
         text({"versuch": RUN, "x": X[:, 0], "turn": TURN}),
         "no column says which demonstration .*'versuch', 'x'.*; no column holds the action either: .* with action=",

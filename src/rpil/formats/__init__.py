@@ -224,8 +224,7 @@ def write_weights(
 
     `expert_proba` and `log_odds` (M,) are repeated for each step of their demonstration. Numbers of the rows that the
     file itself gives, such as ``index``, come with `Recording.step_columns`. A million steps are in memory at a time:
-    `step_weight` (N,) may be in a file, and larger than memory. The metadata of a Parquet file hold the
-    `rpil.data.copies.run_id`.
+    `step_weight` (N,) may be in a file, and larger than memory. Metadata of Parquet hold the `rpil.data.copies.run_id`.
 
     Raises
     ------

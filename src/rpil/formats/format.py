@@ -171,8 +171,7 @@ class Layout:
         return np.empty((n_steps, len(self.observations)), self.observation, self.order), np.empty(shape, self.action)
 
     def write(self, steps: Steps, first: int, observations: Array, actions: Array) -> None:
-        """Write steps from the `first` one on to two arrays, which say how many; a `DataError` where a value is missing
-        or of the wrong kind."""
+        """Write as many steps, from the `first` on, as the arrays have; a `DataError` where a value is no number."""
         for row, table, at in steps.tables([*self.actions, *self.observations], first, first + len(actions)):
             own = slice(row - first, row - first + len(table))
             with guarded(at(0)):
