@@ -27,8 +27,7 @@ def same(one, other, dtype=None):
     np.testing.assert_array_equal(one.offsets, other.offsets)
     for a, b in ((one.observations, other.observations), (one.actions, other.actions)):
         a = a.astype(dtype) if dtype and a.dtype == np.float32 else a
-        assert a.shape == b.shape
-        assert a.dtype.kind == b.dtype.kind
+        assert (a.shape, a.dtype.kind) == (b.shape, b.dtype.kind)
         assert a.dtype == b.dtype or a.dtype.kind == "U"
         assert a.tolist() == b.tolist()
         if a.dtype.kind == "f":

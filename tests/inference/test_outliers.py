@@ -137,8 +137,7 @@ def test_a_minority_whose_rule_is_not_linear_is_a_group_apart():
     states = rng.uniform(-1, 1, size=(40, 50, 2))
     actions = np.where(np.arange(40)[:, None, None] < 8, np.abs(states), states) + 0.05 * rng.normal(size=states.shape)
     audit = rpil.audit(Demonstrations.from_episodes(zip(states, actions, strict=True)))
-    assert audit.finding == "a group apart"
-    assert sorted(audit.competing[1]) == [*range(8)]
+    assert (audit.finding, sorted(audit.competing[1])) == ("a group apart", [*range(8)])
 
 
 def test_more_than_half_are_no_outliers_and_no_policy_is_fitted():

@@ -33,6 +33,5 @@ def test_interval_is_that_of_the_beta_posterior(expert):
 
 
 def test_as_prior_takes_a_probability_or_a_beta_prior():
-    assert as_prior(None) == ExpertPrior()
-    assert as_prior(0.3) == ExpertPrior(0.3, fixed=True)
+    assert (as_prior(None), as_prior(0.3)) == (ExpertPrior(), ExpertPrior(0.3, fixed=True))
     assert as_prior((3.0, 1.0)) == ExpertPrior(0.75, 3.0, 1.0)

@@ -107,8 +107,7 @@ def sarif(found: Sequence[Numbered], source: str) -> dict[str, object]:
 
 
 def _address(source: str, file: str) -> str:
-    """A URI of the data, or a file in their folder: relative to the working directory where they are in it, as code
-    scanning asks."""
+    """A URI of the data, or a file in their folder: relative to the working directory, as scanning asks, if in it."""
     path = Path(os.path.abspath(source))
     places = path.rglob(file) if file and path.is_dir() else ()
     path = next((one for one in places if "meta" not in one.relative_to(path).parts), path)

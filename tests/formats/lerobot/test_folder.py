@@ -59,8 +59,7 @@ def test_lines_of_json_of_version_2(dataset):
     (dataset / "meta" / "tasks.jsonl").write_text("\n".join(map(json.dumps, lines)), encoding="utf-8-sig")
     (dataset / "data" / "chunk-000" / "file-000.parquet").rename(dataset / "data" / "chunk-000" / "episode_0.parquet")
     recording = formats.read_recording(dataset)
-    assert recording.tasks["3"] == "put down"
-    assert recording.description.format == "LeRobot v2.1, 2 files"
+    assert (recording.tasks["3"], recording.description.format) == ("put down", "LeRobot v2.1, 2 files")
     with pytest.raises(DataError, match=r"version 'v2\.1', which LeRobot converts to 3\.0; write the list with -o"):
         find(dataset).keep(dataset.with_name("kept"), [1])
     (dataset / "meta" / "tasks.jsonl").write_text("{}", encoding="utf-16")
