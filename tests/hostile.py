@@ -62,8 +62,7 @@ def read_all(
 ) -> tuple[dict[str, list[str]], int]:
     """How the reading of each of the `files` by name, (what writes it, what reads it), ends; and the peak in bytes.
 
-    An end is how it ended, the message, and the seconds of processor time. With `memory` None, data may take what the
-    library allows.
+    An end is how it ended, the message, and the seconds of processor time. Without `memory` the limit is the library's.
     """
     for name, (make, _) in files.items():
         make(folder / name)

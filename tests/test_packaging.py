@@ -59,8 +59,7 @@ def test_the_citation_is_of_this_version_and_licence_and_the_extra_all_holds_eve
     (everything,) = OPTIONAL["all"]
     assert set(re.findall(r"\w+", everything)) == {"rpil", *FOR_USERS}
     citation = dict(re.findall(r"^(\S+): (.+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE))
-    assert citation["version"] == PROJECT["version"]
-    assert citation["license"] == PROJECT["license"]
+    assert (citation["version"], citation["license"]) == (PROJECT["version"], PROJECT["license"])
     assert citation["repository-code"] == PROJECT["urls"]["Repository"]
 
 
@@ -68,8 +67,7 @@ def test_the_matrix_has_every_python_and_system_and_the_site_is_built_as_here():
     versions = [kind.rpartition(" :: ")[2] for kind in PROJECT["classifiers"] if re.search(r":: 3\.\d+$", kind)]
     jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "test.yml").read_text(encoding="utf-8"))["jobs"]
     matrix = jobs["test"]["strategy"]["matrix"]
-    assert matrix["python"] == versions
-    assert PROJECT["requires-python"] == f">={versions[0]}"
+    assert (matrix["python"], PROJECT["requires-python"]) == (versions, f">={versions[0]}")
     systems = {*matrix["os"], *(job["os"] for job in matrix["include"])}
     assert {system.partition("-")[0] for system in systems} == {"ubuntu", "windows", "macos"}
     site = yaml.safe_load((ROOT / ".readthedocs.yaml").read_text(encoding="utf-8"))
@@ -103,8 +101,7 @@ def test_every_requirement_has_a_lowest_version():
 
 @pytest.mark.slow
 def test_the_package_works_without_extras(tmp_path):
-    """The files that are packed, with the packages that rpil needs alone; `.ci/run` builds the wheel, and has an empty
-    environment for it."""
+    """The packed files with the packages that rpil needs alone; `.ci/run` builds the wheel, in an empty environment."""
     first = re.search(r"```sh\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)[1]
     assert first.startswith(f"pip install 'rpil[video,review] @ git+{PROJECT['urls']['Repository']}'")
     library, folder = tmp_path / "library", tmp_path / "work"

@@ -16,8 +16,7 @@ ROOMS = ("rpil.numerics", "rpil.policies", "rpil.mixture", "rpil.inference")
 ROOMS += tuple(f"rpil.results.{file}" for file in ("record", "summary"))
 
 CHECKED_CALLS = 10
-"""Calls of each function that are checked in each test: an iteration repeats the types of the one before, and EM would
-take twice as long."""
+"""Calls of each function that are checked in each test: iterations repeat types, and EM would take twice as long."""
 
 calls: Counter[Callable[..., Any]] = Counter()
 """Calls of each function in the running test, which `conftest.py` clears."""

@@ -22,8 +22,7 @@ TYPES["boolean"] = bool
 
 
 def faults_of(value, schema, defs, place="$"):
-    """Where a value of JSON is not as a schema says, by the words that docs/schemas use; what it does not name is a
-    fault too."""
+    """Where a value of JSON is not as a schema says, by the words of docs/schemas; what it does not name is a fault."""
     if "$ref" in schema:
         schema = defs[schema["$ref"].rpartition("/")[2]]
     kinds = schema.get("type", [])

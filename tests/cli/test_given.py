@@ -81,8 +81,7 @@ def test_a_reference_is_labelled_good_and_left_out_of_what_is_written(data, give
     assert {ids[m]: labels[m] for m in labels.nonzero()[0]} == {"3": -1} | {f"reference {m}": 1 for m in range(10)}
     assert len(given[0].answers.outcomes) == 34
     assert np.sum(given[0].answers.outcomes) == 30
-    assert found["n_demonstrations"] == 24
-    assert found["n_steps"] == 24 * N_STEPS
+    assert (found["n_demonstrations"], found["n_steps"]) == (24, 24 * N_STEPS)
     assert {row["id"] for row in found["demonstrations"]} == set(range(24))
     by_id = {row["id"]: row for row in found["demonstrations"]}
     assert all(by_id[m]["verdict"] == ("bad" if m in BAD else "good") for m in range(24))

@@ -47,6 +47,13 @@ def test_convert_writes_times_and_operator_and_task_of_each_demonstration(name, 
     assert after.times().fps == before.times().fps
     np.testing.assert_array_equal(after.demonstrations.observations, before.demonstrations.observations)
     refused("named twice|would join", "convert", "in.csv", "-o", "in.csv")
+    Path("robot/data").mkdir(parents=True)
+    ok("convert", "in.csv", "-o", "robot/data/a.parquet", "--action", "turn", "--exclude", "time")
+    assert rpil.open("robot").times().timestamps is None
+    Path("robot/meta").mkdir()
+    Path("robot/meta/info.json").write_text('{"fps": 20}')  # with which no file needs times
+    ok("convert", "robot", "-o", name)
+    np.testing.assert_allclose(rpil.open(name).times().timestamps, np.tile(np.arange(9) / 20, 4))
 
 
 FEW = 24

@@ -26,19 +26,26 @@ def label(keys, *arguments):
     return result.stdout
 
 
+def asked_alone(out):
+    return re.findall(r"Is it good or bad: (\d+)", out)
+
+
 def rows():
     return Path("labels.csv").read_text().splitlines()
 
 
-def test_what_cannot_be_told_or_is_skipped_is_not_written_and_not_asked_again(data):
+def test_what_cannot_be_told_is_asked_last_in_the_next_run_and_what_is_skipped_is_not_written(data):
     out = label(["s", *"us" * 4, "g", "q"], data)
-    asked = re.findall(r"Is it good or bad: (\d+)", out)
+    asked, untold = asked_alone(out), [f"{name},cannot tell" for name in asked_alone(out)[:8:2]]
     assert len(set(asked)) == len(asked) == 10
-    assert rows() == ["id,label", f"{asked[8]},good"]
+    assert rows() == ["id,label", *untold, f"{asked[8]},good"]
     assert re.findall(r"Question (\d) of", out) == ["1", "1", "2", "2", "3", "3", "4", "4", "5", "5", "6"]
+    again = asked_alone(label("s" * 40, data))
+    assert (len(again), {*again[-4:]}) == (len({*again}), {*asked[:8:2]})
     out = label("5" + "u" * 7, data, "--labels", "other.csv")
     pair = sorted(re.search(r"better: (\d+).* or (\d+)", out).groups())
-    assert Path("other.csv").read_text().splitlines()[1:] == [f"{pair[0]},same as {pair[1]}"]
+    untold = [f"{name},cannot tell" for name in asked_alone(out)]
+    assert Path("other.csv").read_text().splitlines()[1:] == [f"{pair[0]},same as {pair[1]}", *untold]
     assert out.count("Question") == MAX_QUESTIONS
     assert "Nothing more is asked in this run." in out
     assert out.endswith("--labels other.csv\n")

@@ -23,15 +23,13 @@ def refusal(match, call, *arguments, **keywords):
 def test_properties():
     d = small()
     assert (len(d), d.n_demonstrations, d.n_steps, d.n_observations) == (2, 2, 5, 2)
-    assert d.lengths.tolist() == [2, 3]
-    assert d.groups.tolist() == [0, 0, 1, 1, 1]
+    assert (d.lengths.tolist(), d.groups.tolist()) == ([2, 3], [0, 0, 1, 1, 1])
     assert d.is_discrete
     assert d.observation_names == ("0", "1")
     assert "2 demonstrations, 5 steps, 2 observations, discrete" in repr(d)
     many = Demonstrations(np.zeros((25518, 1)), np.zeros(25518), [0, 25518])
     assert "1 demonstration, 25,518 steps, 1 observation," in repr(many)
-    assert small(ids=None).ids == (0, 1)
-    assert small(ids=np.array([7, 3])).ids == (7, 3)
+    assert (small(ids=None).ids, small(ids=np.array([7, 3])).ids) == ((0, 1), (7, 3))
     assert type(small(ids=np.array([7, 3])).ids[0]) is int
 
 
@@ -39,8 +37,7 @@ def test_a_position_is_an_episode():
     d = small()
     for episode in (d[1], d[-1], d[np.int64(1)], [*d][1]):
         observations, actions = episode
-        assert observations.tolist() == X[2:].tolist()
-        assert actions.tolist() == [1, 0, 2]
+        assert (observations.tolist(), actions.tolist()) == (X[2:].tolist(), [1, 0, 2])
     with pytest.raises(IndexError):
         d[2]
     refusal(r"x.npz: \[slice.*\] takes one position; use select", d.__getitem__, slice(5))
@@ -89,8 +86,7 @@ def test_from_groups_keeps_the_order_within_a_group():
     d = Demonstrations.from_groups(X, Y, ["z", "a", "z", "a", "z"])
     assert d.ids == ("z", "a")
     assert d.observations[:, 0].tolist() == [0, 4, 8, 2, 6]
-    assert d.actions.tolist() == [0, 1, 2, 1, 0]
-    assert d.offsets.tolist() == [0, 3, 5]
+    assert (d.actions.tolist(), d.offsets.tolist()) == ([0, 1, 2, 1, 0], [0, 3, 5])
     assert Demonstrations.from_groups(X, Y, [9.0, 9.0, 4.0, 4.0, 4.0]).ids == (9, 4)
     assert np.shares_memory(Demonstrations.from_groups(X, Y, [9, 9, 4, 4, 4]).observations, X)
 

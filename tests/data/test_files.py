@@ -24,8 +24,7 @@ def test_a_crash_and_a_full_disk_leave_the_old_file(tmp_path, crash, seen):
     with seen, replacing(path) as temporary:
         temporary.write_text("half")
         raise crash
-    assert path.read_text() == "old"
-    assert os.listdir(tmp_path) == ["out.txt"]
+    assert (path.read_text(), os.listdir(tmp_path)) == ("old", ["out.txt"])
 
 
 def test_a_replaced_file_keeps_its_permissions_and_a_link_stays_a_link(tmp_path):

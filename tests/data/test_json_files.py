@@ -9,8 +9,7 @@ from rpil.formats.parquet import MetaFolder
 def test_text_and_json_are_read_up_to_a_limit(tmp_path):
     path = tmp_path / "info.json"
     path.write_text('{"ä": [1, null]}', encoding="utf-8-sig")  # with a mark of three bytes
-    assert read_json(path) == {"ä": [1, None]}
-    assert read_text(path, limit=20) == '{"ä": [1, null]}'
+    assert (read_json(path), read_text(path, limit=20)) == ({"ä": [1, None]}, '{"ä": [1, null]}')
     with pytest.raises(DataError, match=r"info\.json"):
         read_text(path, limit=19)
 

@@ -87,6 +87,12 @@ def test_answers_come_from_a_mapping_or_a_file(folder, tmp_path):
     assert [file["path"] for file in from_file.provenance["files"]][1:] == [str(tmp_path / "labels.csv")]
     without = audit(folder / "drive.csv", tmp_path / "labels.csv", without=ids[9], **COLUMNS)
     assert np.flatnonzero(without.answers.labels).tolist() == [0]
+    (ended := tmp_path / "ended.csv").write_text("id,value\n" + "".join(f"{m},{k % 3}\n" for k, m in enumerate(ids)))
+    by_path, by_text = (audit(folder / "drive.csv", outcome=one, **COLUMNS) for one in (ended, str(ended)))
+    assert (by_path.provenance, said(by_path)) == (by_text.provenance, said(by_text))
+    model = rpil.RPIL(settings=FAST).fit(rpil.read(folder / "drive.csv", **COLUMNS), outcome=ended)
+    np.testing.assert_array_equal(model.audit_.answers.outcomes, by_path.answers.outcomes)
+    assert rpil.open(folder / "drive.csv", outcome=ended, **COLUMNS).options.files == [str(ended)]
 
 
 def test_it_takes_what_is_in_memory(folder):
@@ -97,8 +103,7 @@ def test_it_takes_what_is_in_memory(folder):
     assert audit(recording).run_id == from_path.run_id
     demonstrations = recording.demonstrations.select(slice(None))
     found = audit(demonstrations)
-    assert found.run_id == from_path.run_id
-    assert found.ids == demonstrations.ids
+    assert (found.run_id, found.ids) == (from_path.run_id, demonstrations.ids)
     for given, way in (({"id": "trip"}, r"\."), ({"outcome": "rewards"}, ", or give outcome a number for each")):
         with pytest.raises(
             DataError, match=f"Demonstrations has no columns to choose: name them where it is read{way}"
@@ -113,6 +118,9 @@ def test_it_says_where_it_comes_from(folder):
     assert made["seed"] == 2
     assert made["files"][0]["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
     assert made["settings"] == {"judge.groups.noise_shares": "(0.1,)"}
+    for use in (rpil.audit, lambda data, settings: rpil.RPIL(settings=settings).fit(data)):
+        with pytest.raises(DataError, match=r"^settings= is a dict; give rpil\.Settings\(\.\.\.\)\.$"):
+            use(rpil.read(path, **COLUMNS), settings={"judge": {}})
     made = audit(rpil.read(path, **COLUMNS)).provenance
     assert (made["files"], made["seed"]) == ([], 0)
 

@@ -125,8 +125,7 @@ def test_spikes_and_jumps_are_the_largest_of_each_demonstration():
                 jump[t] = d[t + 1] - around if d[t + 1] > 2 * around else 0
             assert spikes[m, c] == pytest.approx(max(spike))
             assert jumps[m, c] == pytest.approx(max(jump))
-            assert largest[m, c] == d.max()
-            assert spike[step[m, c]] == max(spike)
+            assert (largest[m, c], spike[step[m, c]]) == (d.max(), max(spike))
             assert jump[after[m, c]] == max(jump)
             for top, every_one, at in ((next_spikes, spike, step), (next_jumps, jump, after)):
                 rest = [x for t, x in enumerate(every_one) if abs(t - at[m, c]) > 3]

@@ -45,8 +45,7 @@ def test_a_file_a_frame_and_a_recording_are_checked_alike_and_the_report_is_a_fr
     report = rpil.check(frame)
     frame = report.to_frame()
     assert frame.columns.tolist()[:5] == ["number", "grade", "rule", "id", "first"]
-    assert frame["rule"].tolist() == ["jump"]
-    assert frame["id"].tolist() == ["5"]
+    assert (frame["rule"].tolist(), frame["id"].tolist()) == (["jump"], ["5"])
     for name in ("a.csv", "a.parquet", "a.json"):
         report.write(tmp_path / name)
     read = pd.read_csv(tmp_path / "a.csv"), pq.read_table(tmp_path / "a.parquet").to_pandas()

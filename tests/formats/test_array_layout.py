@@ -97,8 +97,7 @@ def test_demonstrations_are_those_that_the_arrays_say(written, note, arrays, tmp
     for on_disk in (False, True):
         recording = rpil.open(path, on_disk=on_disk)
         found = recording.demonstrations.select(slice(None))
-        assert found.ids == (0, 1, 2)
-        assert found.lengths.tolist() == list(LENGTHS)
+        assert (found.ids, found.lengths.tolist()) == ((0, 1, 2), list(LENGTHS))
         np.testing.assert_array_equal(found.observations, STATES)
         np.testing.assert_array_equal(found.actions, MOVES)
         assert note in recording.description.notes[0]

@@ -59,6 +59,10 @@ def test_trajectories_are_read_and_frames_are_fitted(problem):
     [
         ({"obs_x": [1.0, 2.0], "action": [0, 1]}, "the frame: no column says which demonstration .* with split_gap=.$"),
         ({"episode": [0, 0], "obs_x": [object(), 1], "action": [0, 1]}, "the frame: a column holds values"),
+        (
+            pd.DataFrame([[0, 1.0, 2.0, 1]], columns=["episode", "x", "x", "action"]),
+            "the frame: column 'x' appears twice",
+        ),
     ],
 )
 def test_faults_of_frames_name_the_frame(columns, message):

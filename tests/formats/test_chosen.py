@@ -38,8 +38,7 @@ def read(request, tmp_path):
 )  # fmt: skip
 def test_ids_and_ranges(read, options, expected):
     opened = read(table(), **options)
-    assert list(opened.demonstrations.ids) == expected
-    assert opened.ids == tuple(range(N))
+    assert (list(opened.demonstrations.ids), opened.ids) == (expected, tuple(range(N)))
     assert opened.description.demonstrations == len(expected)
 
 

@@ -66,6 +66,7 @@ def test_every_column_has_a_role_or_a_reason():
     [
         ({"id": "run"}, "no column is called 'run'; correct id= .found 'episode'"),
         ({"action": "acton"}, "no column is called 'acton'; correct action= .found 'action'"),
+        ({"operator": "who"}, r"'who'; correct operator=, or give a CSV file \(id,demonstrator\) .found"),
         ({"order": "*"}, "'\\*' names 'episode', 'x', 'v', 'action'; name one column with order="),
         ({"outcome": "x,v"}, "'x,v' names 'x', 'v'; name one column with outcome="),
         ({"id": ["episode", "run"]}, r"id= is \['episode', 'run'\]; give one name, as text"),

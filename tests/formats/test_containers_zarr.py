@@ -44,8 +44,7 @@ def test_zarr_is_read(tmp_path, zarr_format, zipped):
         path = shutil.make_archive(str(path), "zip", path)
     recording = formats.read_recording(path)
     d = recording.demonstrations
-    assert d.ids == (0, 1, 2)
-    assert d.offsets.tolist() == [0, *ENDS]
+    assert (d.ids, d.offsets.tolist()) == ((0, 1, 2), [0, *ENDS])
     np.testing.assert_array_equal(d.actions, arrays["action"])
     np.testing.assert_array_equal(d.observations, arrays["state"])
     assert recording.description.format == "Zarr replay buffer"

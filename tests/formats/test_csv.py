@@ -55,8 +55,7 @@ VARIANTS = {
 
 
 def assert_read(d, expected):
-    assert len(d) == M
-    assert len(set(d.ids)) == M
+    assert (len(d), len(set(d.ids))) == (M, M)
     order = np.lexsort([STEP, RUN])
     by_id = sorted(range(M), key=lambda m: str(d.ids[m]))
     rows = np.concatenate([np.arange(d.offsets[m], d.offsets[m + 1]) for m in by_id])
@@ -153,6 +152,10 @@ REFUSED = {
     "points": (
         "run;x;action\n" + 250 * "1;0,5;1,5\n" + "1;.5;0,5\n",
         r"'x' holds \.5, and other numbers .* ','; write",
+    ),
+    "quoted": (
+        "run,x,turn\n" + 9 * '1,"0,5","1,5"\n',
+        r"no column holds the action: .*; column 'x' has decimal commas; w",
     ),
     "no id": (
         text({"versuch": RUN, "x": X[:, 0], "turn": TURN}),

@@ -23,13 +23,11 @@ def demonstrations(dtype=np.float64, **changes):
 
 
 def same(one, other, dtype=None):
-    assert one.ids == other.ids
-    assert one.observation_names == other.observation_names
+    assert (one.ids, one.observation_names) == (other.ids, other.observation_names)
     np.testing.assert_array_equal(one.offsets, other.offsets)
     for a, b in ((one.observations, other.observations), (one.actions, other.actions)):
         a = a.astype(dtype) if dtype and a.dtype == np.float32 else a
-        assert a.shape == b.shape
-        assert a.dtype.kind == b.dtype.kind
+        assert (a.shape, a.dtype.kind) == (b.shape, b.dtype.kind)
         assert a.dtype == b.dtype or a.dtype.kind == "U"
         assert a.tolist() == b.tolist()
         if a.dtype.kind == "f":
@@ -55,8 +53,7 @@ def test_round_trip(tmp_path, suffix, dtype, changes):
     formats.write(path, original, truth={"is_good": [1, 0], "anything": [0.5, 0.25], "who": ["p", "q"]})
     back = formats.read(str(path))
     same(original, back, dtype=np.float64 if suffix == ".csv" else None)
-    assert back.source == path.name
-    assert os.listdir(tmp_path) == [path.name]
+    assert (back.source, os.listdir(tmp_path)) == (path.name, [path.name])
 
 
 def write_table(path, **columns):
@@ -119,8 +116,7 @@ def test_other_parquet_types(tmp_path):
     d = formats.read(write_table(tmp_path / "x.parquet", table=table))
     assert d.ids == ("b", "a")
     assert d.observations.tolist() == [[1, 1, 1, 0.5], [3, 1, 3, 2.5], [2, 0, 2, 1.5]]
-    assert d.observations.dtype == np.float64
-    assert d.actions.tolist() == [0, 2, 1]
+    assert (d.observations.dtype, d.actions.tolist()) == (np.float64, [0, 2, 1])
 
 
 @pytest.mark.parametrize(

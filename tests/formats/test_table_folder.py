@@ -34,8 +34,11 @@ def test_a_folder_of_minari_is_refused_with_the_way_to_go(tmp_path, given, file)
     (data / "0").mkdir(parents=True)
     (data / "metadata.json").write_text('{"data_format": "parquet", "total_episodes": 1}')
     (data / file).write_bytes(b"PAR1")
-    with pytest.raises(DataError, match=r"it is a data set of Minari; read it in Python, by rpil\.read\(minari\."):
+    with pytest.raises(
+        DataError, match=r"is a data set of Minari; read it in Python, by rpil\.read\(minari\."
+    ) as error:
         formats.read_recording(tmp_path / given)
+    assert str(error.value).endswith(f"or give its file {data / file}.") == (file == "main_data.hdf5")
 
 
 def test_a_folder_of_lerobot_within_is_named(tmp_path):

@@ -77,10 +77,8 @@ def test_members_of_a_lower_group_are_below_where_it_is_certain_and_lies_apart_a
 
 
 def test_a_lower_part_has_two_members_at_least_and_is_not_all():
-    assert below(SCORE[:-2]) == []
-    assert below(SCORE[:-1]) == [6, 7]
-    assert below(SCORE, min_group=4) == []
-    assert below(SCORE[:-2], min_group=1) == [6]
+    assert (below(SCORE[:-2]), below(SCORE[:-1])) == ([], [6, 7])
+    assert (below(SCORE, min_group=4), below(SCORE[:-2], min_group=1)) == ([], [6])
     assert below([0.0] * 9) == []
 
 
@@ -139,8 +137,7 @@ def test_a_minority_whose_rule_is_not_linear_is_a_group_apart():
     states = rng.uniform(-1, 1, size=(40, 50, 2))
     actions = np.where(np.arange(40)[:, None, None] < 8, np.abs(states), states) + 0.05 * rng.normal(size=states.shape)
     audit = rpil.audit(Demonstrations.from_episodes(zip(states, actions, strict=True)))
-    assert audit.finding == "a group apart"
-    assert sorted(audit.competing[1]) == [*range(8)]
+    assert (audit.finding, sorted(audit.competing[1])) == ("a group apart", [*range(8)])
 
 
 def test_more_than_half_are_no_outliers_and_no_policy_is_fitted():

@@ -38,8 +38,7 @@ def test_concentration_steps_end_where_the_group_stays():
     np.testing.assert_allclose(fit.history - base, [0.5, 4 / 3, 2.0, 4.0])
     assert fit.ridge == 1e-2
     short = scoring(gains, 0.5, 1).fit_trimmed()
-    assert np.flatnonzero(short.group).tolist() == [0, 1, 2]
-    assert len(short.history) == 2
+    assert (np.flatnonzero(short.group).tolist(), len(short.history)) == ([0, 1, 2], 2)
 
 
 @pytest.mark.parametrize(("share", "count"), [(0.6, 4), (0.5, 3), (0.01, 2)])

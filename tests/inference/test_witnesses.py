@@ -131,8 +131,7 @@ def test_the_witness_that_is_most_correlated_either_way_is_not_asked_about_a_wit
     first, second = np.repeat([0, 1, 2], 4), np.array([0, 1, 2, 0, 1, 2, 2, 0, 1, 2, 0, 2])
     opposed = np.append(2 - first[:-1], 1)
     assert alike([first, second, opposed]) == [[0, 2], [0, 1], [0, 2]]
-    assert alike([first, opposed]) == [[0, 1], [0, 1]]
-    assert alike([first]) == [[0]]
+    assert (alike([first, opposed]), alike([first])) == ([[0, 1], [0, 1]], [[0]])
     assert alike([first, np.zeros(12, dtype=int), second])[0] == [0, 2], "a constant is alike to nothing"
 
 

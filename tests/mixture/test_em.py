@@ -132,8 +132,7 @@ def test_em_ends_where_it_gains_little_or_changes_no_responsibility():
 
 
 def test_start_at_zero_is_a_stationary_point_of_two_actions():
-    """model.md: with two actions and the complement, pi = psi = 1/2 everywhere is a fixed point; the pooled start is
-    none."""
+    """model.md: with two actions and the complement, pi = psi = 1/2 is a fixed point; the pooled start is none."""
     toy = make("flipped", 0, n_actions=2, n_bad=3)
     problem = toy.problem()
     zero = SoftmaxPolicy.zero(2, ridge(problem))

@@ -20,8 +20,7 @@ def test_prior_is_fitted_at_its_posterior_mode():
 
 def test_fixed_prior_is_not_fitted():
     fixed = ExpertPrior(0.2, fixed=True)
-    assert fixed.fit(np.ones(9)).p == 0.2
-    assert fixed.log_prior() == 0.0
+    assert (fixed.fit(np.ones(9)).p, fixed.log_prior()) == (0.2, 0.0)
     assert fixed.interval(np.ones(9)) == (0.2, 0.2, 0.2)
     assert 0 < ExpertPrior(0.5, 1.0, 1.0).fit(np.zeros(10)).p < 1e-9  # never exactly 0
 
@@ -34,6 +33,5 @@ def test_interval_is_that_of_the_beta_posterior(expert):
 
 
 def test_as_prior_takes_a_probability_or_a_beta_prior():
-    assert as_prior(None) == ExpertPrior()
-    assert as_prior(0.3) == ExpertPrior(0.3, fixed=True)
+    assert (as_prior(None), as_prior(0.3)) == (ExpertPrior(), ExpertPrior(0.3, fixed=True))
     assert as_prior((3.0, 1.0)) == ExpertPrior(0.75, 3.0, 1.0)

@@ -89,8 +89,7 @@ def test_progress_counts_up_to_the_number_of_episodes_and_a_state_may_be_given_b
 def test_continuous_actions_are_clipped_when_executed_and_recorded():
     far, bound = (record(Always([torque]), "Pendulum-v1", n_episodes=2, seed=0) for torque in (1e300, 2.0))
     for one, two in zip(far, bound, strict=True):
-        assert one.actions.shape == (200, 1)
-        assert one.actions.dtype == np.float32
+        assert (one.actions.shape, one.actions.dtype) == ((200, 1), np.float32)
         np.testing.assert_array_equal(one.actions, 2)
         np.testing.assert_array_equal(one.observations, two.observations)
         np.testing.assert_array_equal(one.rewards, two.rewards)

@@ -95,8 +95,7 @@ def test_seeded_and_leaves_its_input_alone(kind, of, request):
         np.testing.assert_array_equal(one, two)
         np.testing.assert_array_equal(part, copy)
         assert not np.shares_memory(one, part)
-        assert one.dtype == part.dtype
-        assert one.shape == part.shape
+        assert (one.dtype, one.shape) == (part.dtype, part.shape)
     np.testing.assert_array_equal((first[0] == episode[0]).all(), kind != "sensor")
     is_random = kind not in ("flip", "shift")
     assert all(np.array_equal(one, two) for one, two in zip(first, other, strict=True)) != is_random

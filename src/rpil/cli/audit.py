@@ -1,5 +1,4 @@
-"""The command ``rpil audit``, which prints at most 25 lines of 80 columns, or with ``--all`` a row for every
-demonstration."""
+"""The command ``rpil audit``: at most 25 lines of 80 columns, or with ``--all`` a row for every demonstration."""
 
 from __future__ import annotations
 

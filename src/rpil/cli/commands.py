@@ -1,5 +1,4 @@
-"""Shared parts of the commands: error messages, reading the data, an audit with the options of the command line, and
-the files that it writes."""
+"""Shared parts of the commands: errors, reading data, an audit by the options, and the files that it writes."""
 
 from __future__ import annotations
 
@@ -190,8 +189,7 @@ OUTPUTS = ("ranges", "segments", "weights", "verdicts", "keep", "report", "annot
 
 
 def write_outputs(paths: Mapping[str, str | None], run: AuditRun, progress: StageProgress) -> dict[str, list[str]]:
-    """Write the files of `OUTPUTS` whose paths are given; sentences by option on what they leave out, and how they are
-    taken."""
+    """Write the files of `OUTPUTS` whose paths are given; sentences by option on what they leave out, and their use."""
     said = dict[str, list[str]]()
     for title, path in ((title, paths[title]) for title in OUTPUTS):
         if path is not None:

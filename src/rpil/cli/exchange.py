@@ -81,8 +81,7 @@ def written(form: str, found: Sequence[Numbered], source: str, title: str, sente
 def sarif(found: Sequence[Numbered], source: str) -> dict[str, object]:
     """The findings in the data at `source` as SARIF 2.1.0.
 
-    Code scanning tells results apart by their fingerprints, here of the rule, the demonstration, and how many came
-    before of both.
+    Fingerprints tell results apart there: of the rule, the demonstration, and how many came before of both.
     """
     rules, results, seen = dict[str, Mapping[str, object]](), [], Counter[tuple[str, str]]()
     for number, place, sentence, line, file in sorted(found, key=lambda one: one.number):
@@ -108,8 +107,7 @@ def sarif(found: Sequence[Numbered], source: str) -> dict[str, object]:
 
 
 def _address(source: str, file: str) -> str:
-    """A URI of the data, or a file in their folder: relative to the working directory where they are in it, as code
-    scanning asks."""
+    """A URI of the data, or a file in their folder: relative to the working directory, as scanning asks, if in it."""
     path = Path(os.path.abspath(source))
     places = path.rglob(file) if file and path.is_dir() else ()
     path = next((one for one in places if "meta" not in one.relative_to(path).parts), path)

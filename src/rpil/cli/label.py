@@ -41,8 +41,7 @@ BESIDE = {"keep": "keep.json", "verdicts": "verdicts.csv", "weights": "weights.p
 
 
 def begin(file: str, options: dict[str, Value], most: int | None) -> tuple[commands.AuditRun, Session]:
-    """The audit of the data in `file` with the answers in the file of labels, which need not be there, and a run of
-    `most` questions about it."""
+    """The audit of the data in `file` with the answers in the file of labels, if any, and a run of `most` questions."""
     given = RunOptions.of(options)
     path = given.labels or LABELS_FILE
     check_outputs((file, *given.columns.files), [path])

@@ -1,5 +1,4 @@
-"""The command ``rpil``. Modules that take long to import are imported inside the commands, so that ``rpil --help``
-is fast."""
+"""The command ``rpil``. Modules that are long to import are imported in the commands: ``rpil --help`` is fast."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ from rpil.cli.options import RunOptions, command_words, pop_columns
 from rpil.cli.terminal import LOADING, print_lines, show_stages
 from rpil.data.errors import DataError
 from rpil.data.files import check_outputs
-from rpil.data.text import TIMESTAMP, counted
+from rpil.data.text import STEP, TIMESTAMP, counted
 
 if TYPE_CHECKING:
     from rpil.results.choice import Table
@@ -180,12 +179,16 @@ def convert(file: str, output: str, ranges: str | None, quiet: bool, **options: 
     with show_stages(quiet) as progress:
         from rpil import formats
         from rpil.formats.registry import writer_of
+        from rpil.formats.table import step_columns
 
         writer_of(output)
         check_outputs((file, operator := columns.operator, ranges), [output])
         recording = commands.open_recording(file, columns, progress)
         demonstrations = recording.demonstrations.select(slice(None))  # in memory
-        ids, times = [*map(str, demonstrations.ids)], recording.times().timestamps
+        ids, known = [*map(str, demonstrations.ids)], recording.times()
+        times = known.timestamps
+        if times is None and known.fps:
+            times = step_columns(ids, demonstrations.offsets)[STEP] / known.fps
         if ranges is not None:
             from rpil.segments.ranges import cut_out
 

@@ -57,15 +57,13 @@ class Settings:
     """
 
     judge_features: str = "auto"
-    """Features of the judge: a kind, or "auto": the kind of the final policy, but "folded" instead of "raw"
-    and "auto". A straight line takes an expert in a rare situation for an adversary.
-    benchmarks/ablations.py ("raw features")."""
+    """Features of the judge: a kind, or "auto": the kind of the final policy, but "folded" instead of "raw" and "auto".
+    A straight line takes an expert in a rare situation for an adversary. benchmarks/ablations.py ("raw features")."""
     min_feature_weight: float = 0.5
     """Weight of a step, divided by 1 or by the largest weight where that is smaller, above which the feature map of the
     final policy is fitted to it. Chosen by hand, not tuned."""
     single_precision: int = 50_000
-    """Entries of the observations above which the judge reads discrete actions in single precision. By hand, not tuned.
-    """
+    """Entries of observations above which the judge reads discrete actions in single precision. By hand, not tuned."""
     judge: JudgeSettings = JudgeSettings()
     mixture: MixtureSettings = MixtureSettings()
     """Settings of a named adversary: the M-step, and when EM stops; the prior is that of the learner, too."""
@@ -122,6 +120,8 @@ class FitOptions:
 
     def check(self, task: Task) -> None:
         """Refuse options that are unknown, or that do not fit the demonstrations, before any work."""
+        if not isinstance(self.settings, Settings):
+            raise DataError(f"settings= is a {type(self.settings).__name__}; give rpil.Settings(...).")
         if self.policy is not None:
             self.cross_fitted(task.space, int(task.source.offsets[-1]))  # refuses an unsuitable estimator
         if not self.judges and (task.demonstrators.informative or self.policy is not None):

@@ -177,8 +177,7 @@ def reweight(
         log pi(a|s) of each action taken, (N,), as an array or a tensor; -inf is taken as -700.
     train : function of (policy, observations, actions, weights (N,))
         Trains the policy, for an epoch, say, with weights in [0, 2]. Returns nothing, or the new policy, of the same
-        type. Whatever it changes, such as an optimiser, must belong to the policy, so that copies of the policy have
-        their own.
+        type. Whatever it changes, such as an optimiser, must belong to the policy: copies of the policy have their own.
     labels : mapping of id to {"good", "bad"}, optional
         Answers about some demonstrations; those that they call bad get little weight in the last training.
     progress : callable, optional

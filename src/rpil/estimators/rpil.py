@@ -130,7 +130,7 @@ class RPIL(PolicyEstimator):
         groups: ArrayLike | None = None,
         labels: Labels | StrPath | None = None,
         demonstrators: DemonstratorNames | str | None = None,
-        outcome: Outcome | Names | None = None,
+        outcome: Outcome | Names | StrPath | None = None,
     ) -> RPIL:
         """Decide which demonstrations to trust, and fit the final policy (`rpil.estimators.pipeline`).
 
@@ -156,9 +156,8 @@ class RPIL(PolicyEstimator):
         Raises
         ------
         DataError
-            One sentence: rows without groups, constant actions, a single demonstration, an
-            unknown id, a wrong number of `demonstrators` or outcomes, an outcome that is the same for all, or
-            only demonstrations labelled bad.
+            One sentence: rows without groups, constant actions, a single demonstration, an unknown id, a wrong number
+            of `demonstrators` or outcomes, an outcome that is the same for all, or only demonstrations labelled bad.
         """
         settings, progress = self.settings or Settings(), self.progress or (lambda _: None)
         run = self.random_state, settings, progress, self.engine

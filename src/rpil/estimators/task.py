@@ -37,13 +37,14 @@ Labels = Mapping[Any, str] | Sequence[tuple[Hashable, str]]
 
 def answers_of(
     labels: Labels | StrPath | None,
-    outcome: Outcome | Names | None,
+    outcome: Outcome | Names | StrPath | None,
     demonstrations: Demonstrations | Dataset,
     ids: Sequence[Hashable] = (),
 ) -> Answers:
     """The answers of a user about demonstrations, from words and outcomes by id, or from files of them, but for those
     about others of the `ids`, which were not read. A `DataError` names an unknown id or word."""
     read, every = demonstrations.ids, ids or demonstrations.ids
+    outcome = os.fspath(outcome) if isinstance(outcome, os.PathLike) else outcome
     is_file = isinstance(labels, str | os.PathLike)
     source, named = (str(labels), Path(str(labels)).name) if is_file else (demonstrations.source, "the labels")
     rows = id_values.read_answer_rows(cast(StrPath, labels)) if is_file else id_values.label_rows(labels)

@@ -55,7 +55,7 @@ class Statements:
         recording: Recording,
         labels: Labels | StrPath | None,
         demonstrators: DemonstratorNames | str | None,
-        outcome: Outcome | Names | None = None,
+        outcome: Outcome | Names | StrPath | None = None,
         reference: Recording | None = None,
     ) -> Statements:
         """Take what a user says, and else what the columns or files say that were named when the recording was opened.
@@ -143,7 +143,7 @@ def fit_within_tasks(
         what = f"tasks and {what}" if recording.options.session and len({*recording.tasks.values()}) > 1 else what
         settings = replace(options.settings.audit, judge=options.settings.judge, weighs_for_learner=keeps_policy)
         answers = Answers.none(len(ids)) if share else stated.answers
-        audit = join_audits(audits, places, ids, offsets, answers, what)
+        audit = join_audits(audits, places, ids, offsets, answers, what, len(demonstrations.ids))
         trust = np.repeat(answers.labels >= 0, audit.lengths)  # also of those that are alone in their task
         audit = replace(audit, step_weight=audit.step_weight * trust, settings=settings, fps=fps)
     if share:
@@ -252,7 +252,7 @@ JUDGE_FEATURES = "folded"
 def audit(
     data: StrPath | Frame | Demonstrations | Recording | Iterable[object],
     labels: Labels | StrPath | None = None,
-    outcome: Names | Outcome | None = None,
+    outcome: Names | StrPath | Outcome | None = None,
     *,
     random_state: int = 0,
     settings: Settings | None = None,
@@ -277,8 +277,7 @@ def audit(
     progress : callable, optional
         Called with one line of text at every stage.
     **columns
-        As for `rpil.read`, and ``operator`` (also a file, id,demonstrator), ``task`` and ``session``; see
-        `rpil.open`.
+        As for `rpil.read`, and ``operator`` (also a file, id,demonstrator), ``task`` and ``session``: see `rpil.open`.
 
     Returns
     -------
@@ -295,6 +294,7 @@ def audit(
     >>> audit.to_frame(), audit.question                                          # doctest: +SKIP
     """
     check_options(columns)
+    outcome = os.fspath(outcome) if isinstance(outcome, os.PathLike) else outcome
     named = cast(Names, outcome) if outcome is not None and are_names(outcome) else ()
     options = replace(ColumnOptions(**columns), outcome=named)
     recording = opened(data, options)

@@ -23,7 +23,7 @@ from rpil.data.id_values import is_id_file, match_demonstrators, read_id_pairs
 from rpil.data.memory import Size, finite
 from rpil.data.text import is_data
 from rpil.formats import csv, parquet, table
-from rpil.formats.columns import ColumnOptions, Ids, Names, check_options
+from rpil.formats.columns import ColumnOptions, Ids, Names, check_names, check_options
 from rpil.formats.format import Frame, from_arrow
 from rpil.formats.recording import Recording, from_demonstrations, from_tables
 from rpil.formats.registry import find, writer_of
@@ -75,8 +75,7 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
     only, without : str, int or sequence of these
         Ids of the only demonstrations to read, and of those to leave out: ``"0-16,22"`` has a range.
     skip_bad : bool
-        Leave out demonstrations in which a value is missing or infinite, and damaged files of a folder, with a warning
-        that names them.
+        Leave out demonstrations with a missing or infinite value, and damaged files of a folder, with a warning.
     memory : int or str, optional
         Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
 
@@ -99,7 +98,7 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
 
 
 def open(
-    path: StrPath | Frame, *, on_disk: bool | None = None, outcome: Names = (), **columns: Unpack[ReadOptions]
+    path: StrPath | Frame, *, on_disk: bool | None = None, outcome: Names | StrPath = (), **columns: Unpack[ReadOptions]
 ) -> Recording:
     """Open a recording, to describe, check, audit or keep it.
 
@@ -132,6 +131,7 @@ def open(
     >>> audit = rpil.RPIL().fit(recording).audit_     # doctest: +SKIP
     """
     check_options(columns)
+    outcome = os.fspath(outcome) if isinstance(outcome, os.PathLike) else outcome
     return read_recording(path, ColumnOptions(outcome=outcome, **columns), on_disk=on_disk)
 
 
@@ -154,6 +154,8 @@ def read_recording(
 ) -> Recording:
     """The recording in a file, folder or frame, as `open` gives it; by default its demonstrations are in memory."""
     if isinstance(path, Frame):
+        names = getattr(path, "columns", ())
+        check_names([*map(str, names)] if hasattr(names, "is_unique") else [], "the frame")  # pandas may repeat one
         with guarded("the frame", "a column holds values of mixed types", "convert them"):
             # A table is none to convert: before pyarrow 25 the copy of a column of text views ended the process.
             table = path if isinstance(path, pa.Table) else pa.table(path)
@@ -163,8 +165,7 @@ def read_recording(
 
 def read_demonstrators(where: str, recording: Recording) -> dict[str, str]:
     """Demonstrator of each demonstration by its id as text. `where` is a CSV file (id,demonstrator), or the column of
-    operators that the recording was read with. A `DataError` names the file: a demonstration with two demonstrators, an
-    empty name."""
+    operators of the recording. A `DataError` names the file: a demonstration with two demonstrators, an empty name."""
     if is_id_file(where):
         return match_demonstrators(read_id_pairs(where, "demonstrator"), Path(where).name)
     return match_demonstrators(recording.operators, f"{recording.description.source}, {where!r}")
@@ -223,8 +224,7 @@ def write_weights(
 
     `expert_proba` and `log_odds` (M,) are repeated for each step of their demonstration. Numbers of the rows that the
     file itself gives, such as ``index``, come with `Recording.step_columns`. A million steps are in memory at a time:
-    `step_weight` (N,) may be in a file, and larger than memory. The metadata of a Parquet file hold the
-    `rpil.data.copies.run_id`.
+    `step_weight` (N,) may be in a file, and larger than memory. Metadata of Parquet hold the `rpil.data.copies.run_id`.
 
     Raises
     ------

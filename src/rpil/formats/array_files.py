@@ -32,6 +32,7 @@ _NPZ, _HDF5 = (".npz",), (".hdf5", ".h5")
 _FILE_NAME, _GROUP_NAME = "name of the file", "name of the group"
 _STATES = "There are no observations: the simulator's states are used; dataset_states_to_obs.py writes some."
 
+_OBJECTS = "ep_meta", "env_args", "env_info"
 _ATTRIBUTES = {
     "task": ("ep_meta/lang", "env_args/env_name", "env_info/env_name", "env_args/env_kwargs/env_name", "env"),
     "rate": tuple(f"{m}/control_freq" for m in ("env_args", "env_info", "env_args/env_kwargs", "env_info/env_kwargs")),
@@ -140,8 +141,13 @@ def _read_groups(these: Arrays, within: str, groups: Mapping[str, Part]) -> Step
     names = dict.fromkeys(path.split("/")[1] for path in these.arrays if within and path.startswith(within))
     if without := commas([name for name in names if name not in groups]):
         notes = (*notes, f"Left out, because they are links, or hold no actions: {without}.")
-    rate, task = (_said(these.attributes(within or "/"), what) for what in ("rate", "task"))
-    parts, lengths, own = list[Part](), dict[Id, int](), {name: these.attributes(within + name) for name in groups}
+    parts, lengths, of_all = list[Part](), dict[Id, int](), these.attributes(within or "/")
+    rate, task = (_said(of_all, what) for what in ("rate", "task"))
+    own = {name: these.attributes(within + name) for name in groups}
+    groups_of = {**own, "all": of_all}.items()
+    texts = {f"{m} of {name}": str(of[m][...]) for m in _OBJECTS for name, of in groups_of if m in of}
+    if broken := [m for m, text in texts.items() if text[:1] == "{" and text.strip("{ }") and not object_in(text)]:
+        notes = (*notes, f"Not read, because they hold no JSON: {commas(broken)}; write them again.")
     # An attribute `task` counts before what is said of all, where each group has one, and none says its own task.
     counts = all(_said(m, "task") is None and Part(1, m, {"": ""}).fact("task") is not None for m in own.values())
     for name, one in groups.items():

@@ -178,8 +178,7 @@ class Arrays:
     def turned(self) -> Arrays:
         """The same with the demonstration first, where arrays are (T, M, ...).
 
-        There is one run of true for each demonstration in a mask, or in what marks ends, or there are M lengths or ids,
-        or T + 1 observations.
+        A mask, or what marks ends, has one run of true a demonstration, or there are M lengths or ids, or T + 1 states.
         """
         if not self.is_stacked:
             return self

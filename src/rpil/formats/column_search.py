@@ -59,8 +59,7 @@ def find_columns(
 ) -> Columns:
     """The columns to read; a `DataError` where they cannot be found, and no `default_id` stands for the id.
 
-    Each number in one of the `lists` is a column, with the kind "list", and the role that its list has by name; another
-    column of lists is one of images.
+    Each number in one of the `lists` is a column, of the kind "list" and the role of its list; other lists are images.
     """
     parts = [(part, name) for name in kinds for part in lists.get(name, (name,))]
     check_names([part for part, _ in parts], source)
@@ -228,7 +227,9 @@ class _Search:
             hits = self.named(pattern)
             if not hits:
                 close = get_close_matches(pattern, self.names[:10_000], 3) or self.names
-                said = f"no column is called {pattern!r}; correct --{option} (found {quoted(close)})"
+                beside = {"operator": "demonstrator", "outcome": "value"}.get(option)
+                way = f"correct --{option}{f', or give a CSV file (id,{beside})' * bool(beside)}"
+                said = f"no column is called {pattern!r}; {way} (found {quoted(close)})"
                 raise DataError(f"{self.source}: {said}.")
             found |= dict.fromkeys(hits)
         return list(found)

@@ -2,8 +2,7 @@
 
 No link is followed, because links lead to other files, or in circles. An array is read only if all its values are in
 the file: the libraries read missing ones as the fill value. A header of Zarr names the codecs that the library calls
-with the contents of the file, and some codecs run code: of an array with one that is not on the list here no value is
-read.
+with the contents of the file, and some codecs run code: no value of an array is read with one that is not listed here.
 """
 
 from __future__ import annotations

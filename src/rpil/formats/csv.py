@@ -19,7 +19,7 @@ import pyarrow.csv
 from rpil.data.errors import DamagedError, DataError, guarded
 from rpil.data.files import replacing
 from rpil.data.memory import MIB, check_memory
-from rpil.data.text import counted, each_text, from_cell, to_cell
+from rpil.data.text import counted, each_text, from_cell, quoted, to_cell
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import FILE, ColumnOptions, Columns, check_names
@@ -106,8 +106,7 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
 
 
 def read_files(paths: Sequence[Path], options: ColumnOptions, source: str, default_id: str | None = None) -> StepTables:
-    """Read files with the same columns, one below the other; each is a demonstration where no column is its id, and the
-    `default_id` is `FILE`."""
+    """Read files with the same columns; each is a demonstration where none is its id, if the `default_id` is `FILE`."""
     folder = os.path.commonpath([path.absolute().parent for path in paths])
     named = {path.absolute().relative_to(folder).as_posix(): path for path in paths}
 
@@ -154,8 +153,16 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
     if not len(first) and default_id is None:
         raise DataError(f"{file.path.name}: it has no rows; write one for each step below the names of its columns.")
     # Decimal commas beside points count as numbers here, so that reading refuses them, and leaves no column out.
-    kinds = flat.kinds_of(first.slice(0, flat.HEAD_ROWS), "." if file.separator == "," else ",")
-    return find_columns(kinds, file.path.name, options, default_id)
+    signs = "." if file.separator == "," else ",", ","
+    kinds, by_comma = (flat.kinds_of(first.slice(0, flat.HEAD_ROWS), sign) for sign in signs)
+    wrong = [name for name, kind in kinds.items() if kind != by_comma[name]]
+    try:
+        return find_columns(kinds, file.path.name, options, default_id)
+    except DataError as error:
+        if not wrong:
+            raise
+        said = f"column {quoted(wrong[:1])} has decimal commas; write points, or semicolons between columns"
+        raise DataError(f"{error.in_shell[:-1]}; {said}.") from error
 
 
 class _OtherTypeError(DataError):
@@ -241,8 +248,7 @@ def _tables(
 
 
 def _whole(table: pa.Table, name: str, file: TextTable, columns: Columns) -> pa.Table:
-    """The rows of a file called `name` with its name, if it is the id; spaces around texts go, and "" is null, but for
-    observations."""
+    """The rows of a file, with its `name` if that is the id; "" is null and texts are stripped, but in observations."""
     if columns.episode == FILE:
         table = table.append_column(FILE, [[Path(name).with_suffix("").as_posix()] * len(table)])
     for k, field in enumerate(table.schema):

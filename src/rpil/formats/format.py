@@ -66,8 +66,7 @@ class StepTables:
 def from_arrow(
     tables: Iterable[pa.Table], options: ColumnOptions, source: str, format_name: str, default_id: str | None = None
 ) -> StepTables:
-    """The recording in tables with a row for each step, whose columns are found by name in the first; see
-    `find_columns`."""
+    """The recording in tables with a row for each step, by the columns that `find_columns` finds in the first."""
     waiting = map(plain_columns, tables)
     table = next(waiting, pa.table({}))
     check_names(table.column_names, source)
@@ -172,8 +171,7 @@ class Layout:
         return np.empty((n_steps, len(self.observations)), self.observation, self.order), np.empty(shape, self.action)
 
     def write(self, steps: Steps, first: int, observations: Array, actions: Array) -> None:
-        """Write steps from the `first` one on to two arrays, which say how many; a `DataError` where a value is missing
-        or of the wrong kind."""
+        """Write as many steps, from the `first` on, as the arrays have; a `DataError` where a value is no number."""
         for row, table, at in steps.tables([*self.actions, *self.observations], first, first + len(actions)):
             own = slice(row - first, row - first + len(table))
             with guarded(at(0)):

@@ -57,8 +57,7 @@ def _files(path: Path) -> list[Path]:
 
 
 def _parsed(file: Path) -> pa.Table:
-    """A row for each line of a file that is not empty, which may be as long as the file; a `DataError` where one holds
-    no object, or several."""
+    """A row for each line that is not empty, however long; a `DataError` where one holds no object, or several."""
     fault, remedy = "no lines of JSON, or damaged or truncated ones", "write an object of the same kind on each line"
     with guarded(file.name, fault, remedy):
         size = min(file.stat().st_size + 1, _LARGEST_BLOCK)
@@ -95,8 +94,7 @@ _FOLDERS = ("", "images", "IMG", "img")  # where recorders put them beside their
 
 
 def find_defects(path: Path) -> Iterator[Defect]:
-    """Rows, from 0, that name files that are empty, or not there though others are; no path out of the folder, and no
-    link, is followed."""
+    """Rows, from 0, of files that are empty, or missing beside others; no link is followed, nor a path that leaves."""
     tables = without_damaged(map(str, _files(path)), lambda name: _parsed(Path(name)))[0]
     table, folder = flat.end_to_end([*tables.values()], path.name), path if path.is_dir() else path.parent
     for name in [one.name for one in table.schema if str(one.type).endswith("string")]:

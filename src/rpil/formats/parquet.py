@@ -96,7 +96,8 @@ def columns_of_file(
     file: pq.ParquetFile, path: StrPath, options: ColumnOptions, meta: Metadata = Metadata(), default: str | None = None
 ) -> Columns:
     """The columns of an open file, by their names, types and first values; a `DataError` where these are too large."""
-    schema, name, n_rows = file.schema_arrow, Path(path).name, file.metadata.num_rows
+    schema, n_rows, parts_of_path = file.schema_arrow, file.metadata.num_rows, Path(path).parts
+    name = "/".join(parts_of_path[-4:] if meta.version else parts_of_path[-1:])  # of a folder of LeRobot
     check_names(schema.names, name)
     kinds = {field.name: flat.kind_of_type(field.type) if n_rows else "number" for field in schema}
     # Of images no value is read, and of very many columns the types are enough.

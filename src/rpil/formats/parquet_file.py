@@ -120,8 +120,7 @@ def check_pages(file: pq.ParquetFile, stream: pa.NativeFile, columns: Collection
     """A `DataError` where pages of the `columns`, by number, hold more values than the footer of the file `name` says.
 
     A value that repeats is stored once, so that a kilobyte may hold a list of 10^9 numbers, and a reader believes the
-    pages, not the footer. Their headers are encoded by Thrift, and pyarrow does not show them. Errors of another type
-    are those of a damaged file.
+    pages, not the footer. Thrift encodes their headers, and pyarrow hides them. Other errors are of a damaged file.
     """
     for number in range(file.num_row_groups):
         group = file.metadata.row_group(number)

@@ -151,12 +151,10 @@ def _check_one_id(steps: Steps, columns: Columns, group: Array, order: str | Non
 def shorter(
     names: Sequence[Id], group: Int[Array, " N"], rows: Steps, columns: Columns
 ) -> tuple[list[Id], Int[Array, " N"]]:
-    """The ids of the shorter demonstrations that the options make of those with these `names`, and the number of that
-    of each row, as `group` is.
+    """The ids of the shorter demonstrations that the options make of these `names`, and which is that of each row.
 
-    A demonstration ends where the next row is more than `split_gap` seconds later, or earlier: "P01" is split into
-    "P01-0" and "P01-1"; and after each `segment` seconds from its first row on: into "P01 [0, 10) s" and
-    "P01 [10, 20) s".
+    A demonstration ends where the next row is more than `split_gap` seconds later, or earlier: "P01" becomes
+    "P01-0" and "P01-1"; and after each `segment` seconds from its first row on: "P01 [0, 10) s" and "P01 [10, 20) s".
     """
     clock, is_new = find_clock(replace(rows, offsets=np.arange(2)), columns), columns.episode == STRETCH
     if clock is None or clock.unit is None:

@@ -77,9 +77,8 @@ class Recording:
         ids : sequence of ids
             Those to write, in the order of the file.
         output : path
-            A file there is replaced whole; a folder must not be there yet. The data themselves are never changed. Where
-            it ends in ``.json`` or ``.txt``, the list of the ids is written, of any format: ``{"episodes": [...]}``, or
-            one id a line.
+            A file there is replaced whole; a folder must not be there yet. The data themselves are never changed. To
+            ``.json`` or ``.txt`` the list of the ids is written, of any format: ``{"episodes": [...]}``, or one a line.
 
         Raises
         ------

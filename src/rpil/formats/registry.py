@@ -29,10 +29,8 @@ from rpil.formats.recording import Recording, from_tables
 
 def known_formats() -> Iterator[Format]:
     """The formats of `rpil.formats`, and of other packages, in the order in which a path is shown to them: extensions
-    of one format come first, because no file is opened for them; what any folder may be comes last.
-
-    A module is imported when its turn comes.
-    """
+    of one format come first, because no file is opened for them; what any folder may be comes last. A module is
+    imported when its turn comes."""
     for module in ("parquet", "csv", "lerobot.folder", "array_files", "json_lines", "table_folder"):
         yield import_module(f"rpil.formats.{module}").FORMAT
     for point in entry_points(group="rpil.formats"):

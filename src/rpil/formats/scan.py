@@ -109,8 +109,7 @@ class Scan:
             self.classes = np.union1d(self.classes, own) if len(self.classes) else own
 
     def finish(self, steps: Steps) -> None:
-        """Decide what the actions are, and leave out `repeats`, if enough changes tell, and `clocks`, unless no other
-        observation is left."""
+        """Decide what the actions are, and leave out `repeats`, if enough changes tell, and `clocks`, but never all."""
         repeats = [name for own in sorted(self.repeats) for name in own] if self._n_changes >= _FEW_STEPS else []
         found = dict.fromkeys(repeats, "it repeats the last action") | dict.fromkeys(self.clocks, TIME_OF_STEP)
         self.left_out = found if len(found) < len(self.layout.observations) else {}
@@ -279,8 +278,7 @@ _MOST_NAMED = 30  # in one line
 def without_damaged(
     names: Iterable[str], read: Callable[[str], Found], skips: object = True
 ) -> tuple[dict[str, Found], list[str]]:
-    """Result of `read` for each file, and the names of the damaged ones; an error where `skips` is false for them, or
-    no file is left."""
+    """Result of `read` for each file, and the names of damaged ones; an error if not `skips`, or if all are damaged."""
     found: dict[str, Found] = {}
     damaged: dict[str, DataError] = {}
     for name in names:

@@ -32,8 +32,7 @@ _BATCHES_AT_ONCE = 16
 class ArrowFile:
     """A temporary file of Arrow with batches of `BATCH_ROWS` rows; it goes with the object that wrote it.
 
-    Where the system can, it has no name until another process needs one, so that no way to end leaves it behind; then
-    its `handle` is open.
+    Where the system can, it has an open `handle`, and no name until another process needs one: no end leaves it behind.
     """
 
     def __init__(self, path: str, schema: pa.Schema, n_rows: int, handle: int = -1) -> None:

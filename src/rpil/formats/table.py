@@ -33,8 +33,7 @@ HEAD_ROWS = 1000
 
 
 def kinds_of(head: pa.Table, decimal: str = ".") -> dict[str, Kind]:
-    """The kind of every column by its type and its first values, whose numbers have this `decimal` sign; where there
-    are no rows, all may be numbers."""
+    """The kind of each column by its type and first values, with this `decimal` sign; all may be numbers of no rows."""
     found = {field.name: kind_of_type(field.type) if len(head) else "number" for field in head.schema}
     for name in (name for name, kind in found.items() if kind == "text"):
         texts = [text.strip() for text in head[name].unique().to_pylist() if text]

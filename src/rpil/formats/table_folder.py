@@ -39,8 +39,9 @@ def read(path: StrPath, options: ColumnOptions) -> StepTables:
     """
     for about in (Path(path, "metadata.json"), Path(path, "data", "metadata.json")):
         if about.is_file() and about.stat().st_size < LARGEST_METADATA and b'"data_format"' in about.read_bytes():
-            call = "rpil.read(minari.load_dataset(NAME).iterate_episodes())"
-            raise DataError(f"{path}: it is a data set of Minari; read it in Python, by {call}.")
+            way, file = "rpil.read(minari.load_dataset(NAME).iterate_episodes())", about.with_name("main_data.hdf5")
+            way += f", or give its file {file}" * file.is_file()
+            raise DataError(f"{path}: it is a data set of Minari; read it in Python, by {way}.")
     parquet_files, texts = find_files(path)
     text_files = [] if parquet_files else [one for one in texts if one.name not in OWN_TABLES]
     text_files = [one for one in text_files if not one.name.lower().endswith((".txt", ".txt.gz"))] or text_files

@@ -24,10 +24,8 @@ def first_of(audit: Audit, ids: Sequence[Hashable]) -> Audit:
     """
     size, names = len(ids), dict(zip(audit.ids, ids, strict=False))
     rows = {"M": size, "N": int(audit.offsets[size])}
-    columns: dict[str, Any] = {}
-    for name, axis, _ in table_fields(type(audit)):
-        column = getattr(audit, name)
-        columns[name] = column if column is None else column[: rows[axis]]
+    known = ((name, getattr(audit, name), axis) for name, axis, _ in table_fields(type(audit)))
+    columns: dict[str, Any] = {name: column[: rows[axis]] for name, column, axis in known if column is not None}
 
     def named(old: Sequence[Hashable]) -> tuple[Hashable, ...]:
         return tuple(names[name] for name in old if name in names)
@@ -54,6 +52,7 @@ def join_audits(
     offsets: Array,
     answers: Answers,
     what: str = "tasks",
+    n_own: int | None = None,
 ) -> Audit:
     """One audit of the M demonstrations `ids`, from those of their tasks, or `what` the groups are.
 
@@ -63,6 +62,7 @@ def join_audits(
         A task with a single demonstration has none: it stays open.
     places : mapping of task to sequence of int
         The numbers of the demonstrations of each task, in the order of its audit.
+        The method counts those below `n_own`, by default all, and none of a reference.
     offsets : (M + 1,) int array
         The first steps of the demonstrations.
     answers : Answers
@@ -85,7 +85,7 @@ def join_audits(
     copies = [own[part.copy_of] for part, own in zip(parts, rows, strict=True)]
     shares = [(audit.prior.mean, audit.prior.low, audit.prior.high) for audit in parts] or [(0.5, 0.0, 1.0)]
     finding = min((audit.finding for audit in parts), key=[*FINDINGS].index, default=[*FINDINGS][-1])
-    opposed = next((audit for audit in parts if not audit.identifiable and audit.finding == finding), None)
+    said = _sentence(audits, places, what, n_own or len(ids))
     return kind(
         **columns,
         ids=tuple(ids),
@@ -94,9 +94,9 @@ def join_audits(
         prior=Interval(*np.average(shares, axis=0, weights=[*map(len, rows)] or None).tolist()),
         adversary=parts[0].adversary if parts else "",
         identifiable=all(audit.identifiable for audit in parts),
-        competing=opposed.competing if opposed else (),
+        competing=next((one.competing for one in parts if not one.identifiable and one.finding == finding), ()),
         pair=next((audit.pair for audit in parts if audit.pair), ()),
-        method=(_sentence(audits, places, what), *dict.fromkeys(one for audit in parts for one in audit.method)),
+        method=(said, *dict.fromkeys(one for audit in parts for one in audit.method)),
         demonstrators=tuple(demonstrator for audit in parts for demonstrator in audit.demonstrators),
         answers=answers,
         doubts=tuple(dict.fromkeys(doubt for audit in parts for doubt in audit.doubts)),
@@ -136,7 +136,7 @@ def _joined_notes(audits: Mapping[str, Audit]) -> tuple[str, ...]:
     return tuple(note if len(names) == len(audits) else f"{listed(names)}: {note}" for note, names in tasks.items())
 
 
-def _sentence(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], what: str) -> str:
+def _sentence(audits: Mapping[str, Audit], places: Mapping[str, Sequence[int]], what: str, n: int) -> str:
     found = {task: audits[task].finding if task in audits else "not judged" for task in places}
-    findings = (f"{task or 'no task'} ({len(rows):,}: {found[task]})" for task, rows in places.items())
+    findings = (f"{task or 'no task'} ({sum(m < n for m in rows):,}: {found[task]})" for task, rows in places.items())
     return f"Demonstrations are judged within their {what}: {', '.join(findings)}."

@@ -31,8 +31,7 @@ def test_it_ends_after_four_questions_where_every_demonstration_is_good_or_bad(a
     assert asked(audit, 3) == audit.pair
     assert asked(audit, 4) == audit.pair  # nothing was answered
     sure = replace(audit, verdicts=("good",) * 23 + ("bad",))
-    assert asked(sure, 3) == audit.pair
-    assert asked(sure, 4) == ()
+    assert (asked(sure, 3), asked(sure, 4)) == (audit.pair, ())
     doubtful = audit.answered({0: "good"})
     assert len(asked(doubtful, 4, pair=True)) == 1
     assert asked(doubtful, 8) == ()

@@ -48,6 +48,8 @@ def test_ids_of_a_column_are_not_taken_for_numbers_of_episodes(dataset):
     with pytest.raises(DataError, match="keep writes no folder by other ids than its own; write the list"):
         find(dataset).keep(dataset.with_name("kept"), [1], ColumnOptions(id="task_index"))
     assert not dataset.with_name("kept").exists()
+    with pytest.raises(DataError, match=r"^drive/data/chunk-000/file-000\.parquet: no column is called 'operator'"):
+        formats.read_recording(dataset, ColumnOptions(operator="operator"))  # which may be in meta/episodes
 
 
 def test_lines_of_json_of_version_2(dataset):
@@ -57,8 +59,7 @@ def test_lines_of_json_of_version_2(dataset):
     (dataset / "meta" / "tasks.jsonl").write_text("\n".join(map(json.dumps, lines)), encoding="utf-8-sig")
     (dataset / "data" / "chunk-000" / "file-000.parquet").rename(dataset / "data" / "chunk-000" / "episode_0.parquet")
     recording = formats.read_recording(dataset)
-    assert recording.tasks["3"] == "put down"
-    assert recording.description.format == "LeRobot v2.1, 2 files"
+    assert (recording.tasks["3"], recording.description.format) == ("put down", "LeRobot v2.1, 2 files")
     with pytest.raises(DataError, match=r"version 'v2\.1', which LeRobot converts to 3\.0; write the list with -o"):
         find(dataset).keep(dataset.with_name("kept"), [1])
     (dataset / "meta" / "tasks.jsonl").write_text("{}", encoding="utf-16")

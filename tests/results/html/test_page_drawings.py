@@ -41,7 +41,6 @@ def test_drawing_has_the_steps_of_its_demonstration():
 def test_points_are_nearly_equal_and_hold_every_step(n_steps: int) -> None:
     starts = bin_starts(n_steps)
     widths = np.diff(np.append(starts, n_steps))
-    assert len(starts) == min(n_steps, MAX_POINTS)
-    assert starts[0] == 0
+    assert (len(starts), starts[0]) == (min(n_steps, MAX_POINTS), 0)
     assert widths.min() >= 1
     assert widths.max() - widths.min() <= 1

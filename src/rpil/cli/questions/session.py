@@ -1,13 +1,12 @@
 """A run of questions, in the terminal or on a page: every answer is learned from and written at once.
 
-Recorded material, curves of actions and observations and videos, is looked up by number, so that no name that a browser
-sends becomes a path.
+Curves of actions and observations, and videos, are looked up by number: no name that a browser sends becomes a path.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
@@ -59,10 +58,12 @@ def count_asked(given: Sequence[Reply]) -> int:
     return sum(key != "s" and not rows for _, key, _, *rows in given)
 
 
-def next_question(start: Audit, audit: Audit, given: Sequence[Reply], most: int | None) -> Question:
+def next_question(
+    start: Audit, audit: Audit, given: Sequence[Reply], most: int | None, untold: Collection[str] = ()
+) -> Question:
     """The next question after the keys `given` in this run, which began with `start` and made `audit` of it.
 
-    It asks `most` questions at most, and no more about what was skipped, or what nobody can tell.
+    It asks `most` at most, no more of what was skipped or nobody can tell, and last of the `untold` of earlier runs.
     """
     n_asked = count_asked(given)
     is_done = n_asked >= MIN_QUESTIONS and {*audit.verdicts} <= {"good", "bad"}
@@ -71,16 +72,18 @@ def next_question(start: Audit, audit: Audit, given: Sequence[Reply], most: int 
     if start.question is not None and not any(len(question) == 2 and key not in "gb" for question, key, *_ in given):
         return start.pair
     passed = {question[0] for question, key, *_ in given if len(question) == 1 and key in "us"}
-    return tuple(name for name in audit.suggest_labels(len(passed) + 1) if name not in passed)[:1]
+    names = [name for name in audit.suggest_labels(len(passed) + len(untold) + 1) if name not in passed]
+    return tuple(sorted(names, key=lambda name: str(name) in untold)[:1])
 
 
 def rows_of(question: Question, key: str, note: str = "", *rows: int) -> list[AnswerRow]:
-    """The answer that a key gives to a question; "cannot tell" is one where a note says more."""
+    """The answer that a key gives to a question; "cannot tell" is one about a pair where a note says more."""
     ids = [str(name) for name in question]
     if relation := {"1": "better than", "2": "better than", "5": "same as"}.get(key):
         first, second = ids[::-1] if key == "2" else ids
         return [AnswerRow(first, f"{relation} {second}", note)]
-    word = {"g": "good", "3": "good", "b": "bad", "4": "bad", "u": id_values.CANNOT_TELL * bool(note)}.get(key)
+    untold = id_values.CANNOT_TELL * (len(ids) == 1 or bool(note))
+    word = {"g": "good", "3": "good", "b": "bad", "4": "bad", "u": untold}.get(key)
     return [AnswerRow(name, word, note, *rows) for name in ids] if word else []
 
 
@@ -88,8 +91,8 @@ class Session:
     """A run of questions about `start`, judged with the answers of the file `path`, which held `before`.
 
     `audit` has all answers, and `lines` say what the last one did. `version` counts the changes, so that two who answer
-    can tell whether they saw the same. `said` are the answers in the file about demonstrations of the audit. `old` is
-    the audit before the last change.
+    can tell whether they saw the same. `said` are the answers in the file about its demonstrations, `old` is the audit
+    before the last change.
     """
 
     def __init__(self, start: Audit, path: str, before: bytes | None, most: int | None) -> None:
@@ -98,11 +101,12 @@ class Session:
         self.old = start
         self.given: tuple[Reply, ...] = ()
         self.rows: tuple[AnswerRow, ...] = ()
-        self.question = next_question(start, start, (), most)
         self._most, self._written = most, before
         ids = {*map(str, start.ids)}
         rows = [] if before is None else id_values.read_answer_rows(path)
         self.said = self._before = [row for row in rows if row.about <= ids]
+        self._untold = {row.id for row in self.said if row.label == id_values.CANNOT_TELL and not row.is_mark}
+        self.question = next_question(start, start, (), most, self._untold)
 
     @property
     def is_as_written(self) -> bool:
@@ -138,7 +142,7 @@ class Session:
             lines = list(change_lines(self.audit, audit))
             self._write(rows)
             self.said = said
-        self.question = next_question(self.start, audit, given, self._most)
+        self.question = next_question(self.start, audit, given, self._most, self._untold)
         self.old, self.audit, self.lines = self.audit, audit, lines
         self.given, self.rows, self.version = given, rows, self.version + 1
         return lines
@@ -278,8 +282,7 @@ class EpisodeVideos:
         return cls(top, fps, shots, bool(shots), "" if shots else none)
 
     def of_one(self, m: int) -> dict[str, object]:
-        """The videos of demonstration `m`: the camera, and where in its file in seconds; whether single frames can be
-        shown; and the note."""
+        """The videos of demonstration `m`: camera, and seconds in its file; whether frames are shown; and the note."""
         found = [
             {"camera": shot.camera, "start": shot.start, "end": min(shot.end, shot.start + shot.n_rows / self.fps)}
             for shot in self.shots.get(m, ())
