@@ -21,7 +21,7 @@ ROOT = TOOL["ROOT"]
 BUDGETS = {
     "cli": (2196, 20),
     "data": (2335, 28),
-    "estimators": (1834, 18),
+    "estimators": (1832, 18),
     "faults": (2929, 120),
     "formats": (5185, 54),
     "inference": (2206, 86),

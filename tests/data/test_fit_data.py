@@ -6,7 +6,7 @@ import pytest
 
 from rpil.data.demonstrations import Demonstrations
 from rpil.data.errors import DataError
-from rpil.data.fit_data import Demonstrators, FitData, group_by_demonstrator
+from rpil.data.fit_data import Demonstrators, FitData, group_by_demonstrator, in_order
 from rpil.data.spaces import Discrete
 
 DATA = FitData(
@@ -33,17 +33,17 @@ def test_demonstrators_inform_only_where_two_or_more_gave_two_or_more():
     for names, reason in (("aaaa", "One demonstrator, 'a', gave all"), ("abcd", "No demonstrator gave two")):
         assert not Demonstrators.from_names(names).informative
         assert reason in Demonstrators.from_names(names).note
-    assert Demonstrators.from_names("aab").informative
-    assert not Demonstrators().note
+    assert (Demonstrators.from_names("aab").informative, Demonstrators().note) == (True, "")
     assert not Demonstrators.from_names([None] * 4).informative  # unknown demonstrators are not one and the same
     assert Demonstrators.from_names(["a", None, "a", None]).index.tolist() == [0, 1, 0, 2]
 
 
 def test_demonstrators_are_grouped_by_id_or_in_order():
-    """A series of pandas names ids, unless its index counts."""
+    """A series of pandas names ids, unless its index counts and the ids do not."""
     series = pd.Series([7, "Ann", "Ann"], ["b", "c", "a"]), pd.Series(["Ann", 7, "Ann"])
     for given in ({"a": "Ann", "c": "Ann", "b": 7}, ["Ann", 7, "Ann"], np.array(["Ann", "7", "Ann"]), *series):
         assert group_by_demonstrator(given, GIVEN).index.tolist() == [0, 1, 0]
+    assert in_order(pd.Series([*"abc"]), [2, 0, 1], "x", "it") == [*"cab"]  # by id, as groupby of a frame writes them
     assert group_by_demonstrator({"a": "Ann", "c": "Ann"}, GIVEN).names == ("Ann", None)
     assert not group_by_demonstrator(None, GIVEN).informative
     with pytest.warns(UserWarning, match=r"x\.npz: One demonstrator, 'Ann', gave all"):

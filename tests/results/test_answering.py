@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from audits import make_audit
@@ -84,7 +85,7 @@ def test_of_one_side_outliers_stay_and_once_answers_contrast_nothing_of_before_d
     assert same.verdicts == ("open", "bad", *["open"] * 7, "bad", *["outlier"] * 3)
     assert (same.doubts, same.identifiable) == ((), True)
     assert {*audit.answered({"d1": "bad", "d9": "good"}).verdicts[2:]} == {"good", "open"}
-    by_answers = audit.answered(LABELS)
+    by_answers = audit.answered(pd.Series(LABELS))
     assert {*by_answers.verdicts} == {"good", "bad", "open"}
     assert [by_answers.verdicts[m] for m in (0, 1, 9, 10)] == ["good", "good", "bad", "bad"]
 

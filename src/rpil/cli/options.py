@@ -97,7 +97,7 @@ outcome_option = click.option(
     metavar="[-]COLUMN|FILE",
     multiple=True,
     help="How each demonstration ended: a column, or a CSV file (id,value), of success (0 is bad), return or rewards; "
-    "or length, its steps. - means that less is better. rpil learns how reliable each is of several, each named so.",
+    "or length, its steps. - means that less is better. Name several, one each: rpil learns how reliable each is.",
 )
 session_option = click.option(
     "--session", metavar="COLUMN|file", help="Judge within sessions: a column, or the file of each demonstration."

@@ -61,8 +61,10 @@ def in_order(
     given: DemonstratorNames | Outcome, ids: Sequence[object], source: str, what: str, every: Sequence[object] = ()
 ) -> list[Any]:
     """The values that are `given` of the demonstrations `ids`: one for each, or by id in a mapping or series of pandas,
-    also of others of `every`; None where it names none. A `DataError` on unknown ids, two values, or a wrong number."""
-    if isinstance(given, Mapping) or (hasattr(given, "keys") and [*given.keys()] != [*range(len(ids))]):
+    also of others of `every`; None where it names none. An index of 0, 1, ... is no ids unless `ids` are these numbers.
+    A `DataError` on unknown ids, two values, or a wrong number."""
+    keys = [*given.keys()] if isinstance(given, Mapping) or hasattr(given, "keys") else []
+    if isinstance(given, Mapping) or (keys and ({*map(str, keys)} == {*map(str, ids)} or keys != [*range(len(ids))])):
         by_id = {str(m): value for m, value in cast(Mapping[Any, Any], given).items()}
         check_ids(by_id, every or ids, source, what)
         if len(by_id) < len(given):
@@ -80,19 +82,18 @@ def group_by_demonstrator(demonstrators: DemonstratorNames | None, demonstration
 
     Warns where they carry no information; a `DataError` where a name is neither text nor a number.
     """
-    source, ids = demonstrations.source, demonstrations.ids
     if demonstrators is None:
         return Demonstrators()
-    names = in_order(demonstrators, ids, source, "the demonstrators")
-    for m, name in zip(ids, names, strict=True):
-        place = f"{source}, demonstration {m!r}"
+    names = in_order(demonstrators, demonstrations.ids, demonstrations.source, "the demonstrators")
+    for m, name in zip(demonstrations.ids, names, strict=True):
+        place = f"{demonstrations.source}, demonstration {m!r}"
         if not isinstance(name, Hashable):
             raise DataError(f"{place}: the demonstrator {name!r} is no name; give text or a number.")
         if isinstance(name, str):
             check_name(name, "the demonstrator", place)
     groups = Demonstrators.from_names(names)
     if not groups.informative:
-        warnings.warn(f"{source}: {groups.note}", UserWarning, stacklevel=2)
+        warnings.warn(f"{demonstrations.source}: {groups.note}", UserWarning, stacklevel=2)
     return groups
 
 
@@ -199,9 +200,8 @@ def check_outcome(outcome: Float[Array, " M"], name: str, source: str) -> Float[
 def given_outcome(
     given: Outcome | str, ids: Sequence[Hashable], source: str, every: Sequence[Hashable] = ()
 ) -> Float[Array, " M"]:
-    """The outcome that a user gives, by id, for each of M demonstrations, or in a file (id,value), which may speak of
-    others of `every` one; those left out are unknown. A `DataError` as `check_outcome`, and where an id is unknown or
-    twice in the file, a value no number, or their count another one."""
+    """The outcome that a user gives, as for `in_order`, or in a file (id,value); unknown for those left out. A
+    `DataError` as of `in_order` and `check_outcome`, and where an id is twice in the file, or a value no number."""
     if isinstance(given, str):
         source, rows = Path(given).name, read_id_pairs(given, "value")
         words = {"true": 1.0, "false": 0.0, "": np.nan}

@@ -76,11 +76,8 @@ class Statements:
         named_by, demonstrators = source, recording.options.operator if demonstrators is None else demonstrators
         if isinstance(demonstrators, str):
             named_by, demonstrators = demonstrators, read_demonstrators(demonstrators, recording)
-        names = (
-            ()
-            if demonstrators is None
-            else fit_data.in_order(demonstrators, read.ids, named_by, "the demonstrators", ids)
-        )
+        what = "the demonstrators"
+        names = () if demonstrators is None else fit_data.in_order(demonstrators, read.ids, named_by, what, ids)
         taken_over = takeover_signs(recording.interventions, read.offsets, recording.description.fps)
         return cls(answers, names, reference, taken_over)
 
@@ -302,7 +299,8 @@ def audit(
     stated = Statements.of(recording, labels, operator, None if options.outcomes else outcome)
     path = data if isinstance(data, str | os.PathLike) else None
     given = {"labels": labels, "outcome": outcome, "random_state": random_state or None, **columns}
-    texts = (f", {name}={value!r:.300}" for name, value in given.items() if value is not None)
+    lines = ((name, repr(value).splitlines()) for name, value in given.items() if value is not None)
+    texts = (f", {name}={' '.join(own):.300}" for name, own in lines)
     call = f"rpil.audit({type(data).__name__ if path is None else repr(os.fspath(path))}{''.join(texts)})"
     beside = labels if isinstance(labels, str | os.PathLike) else None, *options.files
     chosen = FitOptions(JUDGE_FEATURES, "auto", random_state, settings or Settings(), progress or (lambda _: None))

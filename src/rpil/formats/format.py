@@ -61,6 +61,7 @@ class StepTables:
     notes: tuple[str, ...] = ()  # what a user should know, in sentences
     ignored: Mapping[str, str] = field(default_factory=dict)  # parts of the file that are no columns, and why
     skipped: tuple[str, ...] = ()  # damaged files, which are not read
+    place: Array | None = None  # (N,), of each row in the files; None where all are there
 
 
 def from_arrow(

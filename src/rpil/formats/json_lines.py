@@ -38,13 +38,13 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     files = {file.relative_to(path).as_posix() if path.is_dir() else file.name: file for file in _files(path)}
     check_memory(MEMORY_PER_BYTE * sum(file.stat().st_size for file in files.values()), path.name, options.memory)
     found, damaged = without_damaged(files, lambda name: _parsed(files[name]), options.skip_bad)
-    tables = {m: one if (left := _are_left(files[m], one)).all() else one.filter(left) for m, one in found.items()}
-    default, sizes = FILE if path.is_dir() else None, {m: len(one) for m, one in tables.items()}
-    tables = {m: tables[m].append_column(FILE, pa.repeat(m.rpartition(".")[0], sizes[m])) for m in sizes}
-    table = flat.end_to_end([*tables.values()], path.name)
-    name = "JSON lines" if len(files) == 1 else f"JSON lines, {len(tables):,} files"
-    name += f", without {counted(n, 'deleted record')}" if (n := sum(map(len, found.values())) - len(table)) else ""
-    return replace(from_arrow([table], options, path.name, name, default), sizes=sizes, skipped=tuple(damaged))
+    tables = [one.append_column(FILE, pa.repeat(m.rpartition(".")[0], len(one))) for m, one in found.items()]
+    table, left = flat.end_to_end(tables, path.name), [_are_left(files[m], one) for m, one in found.items()]
+    name, place = "JSON lines" if len(files) == 1 else f"JSON lines, {len(tables):,} files", None
+    if n := len(table) - len(rows := np.flatnonzero(np.concatenate(left))):
+        table, name, place = table.take(rows), f"{name}, without {counted(n, 'deleted record')}", rows
+    steps = from_arrow([table], options, path.name, name, FILE if path.is_dir() else None)
+    return replace(steps, sizes={m: len(one) for m, one in found.items()}, place=place, skipped=tuple(damaged))
 
 
 def _files(path: Path) -> list[Path]:

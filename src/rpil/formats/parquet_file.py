@@ -123,8 +123,7 @@ def check_pages(file: pq.ParquetFile, stream: pa.NativeFile, columns: Collection
     pages, not the footer. Thrift encodes their headers, and pyarrow hides them. Other errors are of a damaged file.
     """
     for number in range(file.num_row_groups):
-        group = file.metadata.row_group(number)
-        for chunk in map(group.column, columns):
+        for chunk in map(file.metadata.row_group(number).column, columns):
             place, n_values = chunk.data_page_offset, 0
             end = (chunk.dictionary_page_offset or place) + chunk.total_compressed_size
             while place < end:

@@ -49,7 +49,8 @@ def find_places(rows: Steps, columns: Columns) -> tuple[Steps, Columns]:
     chosen, offsets, moved = group_rows(group, values)
     ids = as_ids([names_of[k] for k in chosen.tolist()], rows.source)
     heads = np.append(0, np.flatnonzero(group[1:] != group[:-1]) + 1)  # of runs of rows of one demonstration
-    starts = np.cumsum([0, *rows.sizes.values()])
+    ends = np.cumsum([0, *rows.sizes.values()])
+    starts = ends if rows.place is None else np.unique(np.searchsorted(rows.place, ends))
     starts = starts[starts < len(rows)]
     if columns.episode == FILE and not columns.options.id:
         heads = np.union1d(heads, starts)
@@ -293,8 +294,7 @@ def find_clock(steps: Steps, columns: Columns) -> Clock | None:
         clock = Clock(ticks, unit)
         moved = np.diff(ticks) > 0
         moved[steps.offsets[1:-1] - 1] = False  # a date moves between demonstrations alone
-        is_clock = moved.any() and not (clock.lengths(steps.offsets) < 0).any()
-        goes_on = is_clock or (is_named and not is_text)
+        goes_on = (is_named and not is_text) or (moved.any() and not (clock.lengths(steps.offsets) < 0).any())
         if unit is not None and goes_on:
             return clock
         found = clock if unit is None else found

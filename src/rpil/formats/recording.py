@@ -164,11 +164,11 @@ def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> 
 
     A `DataError` where a demonstration that is to be chosen is unknown, or none is left.
     """
-    source, table = found.source, found.tables
+    source, table, columns = found.source, found.tables, replace(found.columns, options=options)
     if not isinstance(table, ArrowFile):
         n_rows = sum(found.sizes.values())
         table = ArrowFile.of(table, source, n_rows) if options.on_disk else end_to_end([*table], source)
-    steps, columns = find_places(Steps(table, source, found.sizes), replace(found.columns, options=options))
+    steps, columns = find_places(Steps(table, source, found.sizes, found.place), columns)
     layout = Layout.of(steps.table.schema, columns)
     ids, asked = steps.ids, _asked(steps.ids, options, source)
     steps = steps.only(asked)

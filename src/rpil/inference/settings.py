@@ -161,7 +161,7 @@ class AnswerSettings:
     full_trust: float = 0.35
     """Trust from which this factor is full; below, it falls with the square of the trust."""
     min_trust: float = 0.05
-    """Share of the log-odds that stays where answers do not predict each other: the order."""
+    """Trust that stays where answers do not predict each other, so that the order does."""
     min_proba: float = 0.95
     """P(good) from which a demonstration is good, and 1 - P from which it is bad."""
     min_proba_bound: float = 1e-6

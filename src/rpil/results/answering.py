@@ -103,7 +103,7 @@ def rejecting_rules(audit: Judged) -> tuple[str, ...]:
     return tuple(np.select([*rules.values()], [*rules], "").tolist())
 
 
-def merged(audit: Judged, labels: Mapping[Id, str], pairs: Collection[tuple[Id, Id]]) -> Answers:
+def merged(audit: Judged, labels: Mapping[Id, str] | None, pairs: Collection[tuple[Id, Id]]) -> Answers:
     """The answers of an audit and these; a new label replaces an old one."""
     known = audit.answers
     rows = label_rows(labels)

@@ -122,7 +122,7 @@ class AuditResult(Judged):
         DataError
             If an id or a label is unknown, answers contradict each other, or none is left.
         """
-        known = answering.merged(replace(self, answers=self.answers.unsaid) if instead else self, labels or {}, pairs)
+        known = answering.merged(replace(self, answers=self.answers.unsaid) if instead else self, labels, pairs)
         if not known.count and self.anchor == "answers":
             way = "take the audit before answered(), or call rpil.audit without any"
             raise DataError(f"No answer would be left; {way}.")
