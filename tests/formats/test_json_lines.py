@@ -41,13 +41,13 @@ def test_each_file_of_a_folder_is_a_demonstration(tmp_path, monkeypatch):
     refused("keep writes no folder of JSON lines; write the list with -o ids.json, or a", "keep", "runs", "-o", "new")
 
 
-def test_records_that_donkeycar_marks_as_deleted_are_left_out(tmp_path):
+def test_records_that_donkeycar_marks_as_deleted_are_left_out(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     rows = [{"_index": k, "_session_id": f"s{k // 10}", "enc/speed": k % 7, "user/angle": k / 9} for k in range(30)]
     for m in (0, 1):
         write(tmp_path / f"catalog_{m}.catalog", rows[15 * m : 15 * m + 15])
     write(tmp_path / "manifest.json", manifest := [["user/angle"], ["float"], {}, {}, {"deleted_indexes": [3, 4, 29]}])
-    recording = rpil.open(tmp_path)
-    assert recording.description.format == "JSON lines, 2 files, without 3 deleted records"
+    assert (recording := rpil.open(tmp_path)).description.format == "JSON lines, 2 files, without 3 deleted records"
     assert recording.demonstrations.actions[:, 0].tolist() == [k / 9 for k in range(30) if k not in (3, 4, 29)]
     assert [recording.steps.place_of(k, 0).split()[-1] for k in (4, 26)] == ["7", "14"], "lines of the files"
     rpil.open(tmp_path / "catalog_0.catalog").keep(["s0"], tmp_path / "kept.catalog")

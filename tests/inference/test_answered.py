@@ -153,6 +153,9 @@ def test_an_outcome_alone_gives_words_where_columns_confirm_it():
     found = judged(answers_of(m=60, outcome=coin), columns)
     assert (found.follows, found.verdicts.any()) == (False, False)
     assert judged(answers_of(m=60, outcome=[coin, outcome]), columns).follows, "one is enough"
+    some = answers_of(outcome=[float(m) for m in range(12)])
+    assert judged(some).follows
+    np.testing.assert_allclose(judged(some).log_odds, SETTINGS.sharpness / 2 * by_columns(some) + evidence_of(some)[-1])
 
 
 def test_what_failed_is_bad_in_its_order_and_a_label_goes_before_its_flag():

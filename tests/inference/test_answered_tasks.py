@@ -36,7 +36,7 @@ def test_outcomes_are_ranks_within_each_task_but_for_flags():
 def test_a_task_is_trusted_by_its_own_answers_and_by_all_as_by_one_more():
     right, of_answer = np.array([0.9, 0.7, 0.1]), np.array([0, 0, 1])
     found = trust_in_tasks(0.4, of_answer, right, np.array([0, 1, 2, -1]), 0.05)
-    np.testing.assert_allclose(found, [(0.8 + 0.4 + 0.4) / 3, 0.05, 0.05, 0.0], err_msg="the third has no answer")
+    np.testing.assert_allclose(found, [(0.8 + 0.4 + 0.4) / 4, 0.05, 0.05, 0.0], err_msg="the third has no answer")
 
 
 def made(n_tasks, seed, reverse=()):
@@ -49,11 +49,11 @@ def made(n_tasks, seed, reverse=()):
 
 
 def test_answers_about_one_task_say_of_another_what_holds_in_both():
-    """Six answers in each of two tasks; in the second pair of tasks the ranking is the other way round in one."""
+    """Five answers in each of two tasks; in the second pair of tasks the ranking is the other way round in one."""
     said, wrong = np.zeros((2, 2)), np.zeros((2, 2))
     for seed, k in np.ndindex(12, 2):
         task, good, columns = made(2, seed, [1] * k)
-        labels = np.where(np.arange(80) % 40 < 6, np.where(good, 1, -1), 0)
+        labels = np.where(np.arange(80) % 40 < 5, np.where(good, 1, -1), 0)
         found = [answer(columns, answers_of(labels, m=80), SETTINGS, np.arange(80), task_of=task).verdicts]
         own = [answers_of(labels[task == t], m=40) for t in (0, 1)]
         each = [answer(columns[task == t], own[t], SETTINGS, np.arange(40)).verdicts for t in (0, 1)]

@@ -91,8 +91,8 @@ def answer(
     both = is_contrast(evidence, n_pairs)
     by_columns = regression(rows, total, n_pairs, settings, slice(len(first)))
     follows = once.contrast and (trust > settings.min_trust if both else any(witnesses.heard))
-    share = np.minimum(in_task / settings.full_trust, 1.0) ** 2 if both else task >= 0
-    log_odds = (settings.sharpness if both or follows else 1.0) * share * by_columns + by_witnesses
+    share = np.minimum(in_task / settings.full_trust, 1.0) ** 2 if both else (task >= 0) / 2  # outcomes err together
+    log_odds = (settings.sharpness if both or follows else 2.0) * share * by_columns + by_witnesses
     limit = logit(settings.min_proba) if follows else np.inf
     verdicts = (log_odds >= limit).astype(int) - (log_odds <= -limit)
     known, log_odds = replace(answers, heard=witnesses.heard).shared(copy_of), log_odds[place]
@@ -149,10 +149,10 @@ def ranked_in_tasks(outcomes: Float[Array, "M W"], task: Int[Array, " M"], flag:
 def trust_in_tasks(
     trust: float, of_answer: Int[Array, " A"], right: Float[Array, " A"], task: Int[Array, " M"], least: float
 ) -> Float[Array, " M"]:
-    """The trust in the answers about the task of each demonstration: the mean of that in each, and of the `trust` in
-    answers of all tasks, as if that were one of them; `least` without an answer, and 0 in the task -1."""
+    """The trust in the answers about the task of each demonstration: the mean of that in each, of the `trust` in
+    answers of all tasks, and of 0, as if these were two more; `least` without an answer, and 0 in the task -1."""
     total, n = (np.bincount(of_answer + 1, weights, task.max() + 2) for weights in (2 * right - 1, None))
-    own = np.where(n > 0, np.maximum((total + trust) / (n + 1), least), least)
+    own = np.where(n > 0, np.maximum((total + trust) / (n + 2), least), least)
     return np.asarray(np.where(task < 0, 0.0, own[task + 1]))
 
 
