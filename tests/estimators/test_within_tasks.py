@@ -64,16 +64,7 @@ def test_one_policy_is_learned_from_all_tasks(both, judged):
 
 @pytest.mark.parametrize("outcome", [None, {m: m % 100 % 4 for m in (*range(11), *range(100, 111))}])
 def test_an_answer_that_is_added_says_the_same_as_one_that_was_given(both, outcome):
-    labels = {
-        0: "good",
-        1: "good",
-        9: "bad",
-        10: "bad",
-        2: "better than 108",
-        100: "good",
-        109: "bad",
-        (104, 2, 9): "bad",
-    }
+    labels = {0: "good", 9: "bad", 10: "bad", 2: "better than 108", 100: "good", 109: "bad", (104, 2, 9): "bad"}
     audit, added = (rpil.audit(both, given, outcome, settings=FAST, session="who") for given in (labels, None))
     assert np.nonzero(audit.verdicts != np.array("open"))[0].max() > 11, "answers about one task say more of another"
     for name, word in labels.items():
