@@ -98,9 +98,8 @@ def of_ranking(worlds: Mapping[str, Sequence[Row]]) -> str:
         fine = np.mean([np.mean(each) for each in less.values()]) + wide >= 0
         said[bool(fine)].append(f"{world} {means[EIGHT]:.2f} ({best} {means[best]:.2f})")
     count, of = len(said[True]), len(said[True] + said[False])
-    return (
-        f"{'met' if count >= 5 else 'missed'}, {count} of {of}: {', '.join(said[True])}; not {', '.join(said[False])}"
-    )
+    others = f"; not {', '.join(said[False])}" if said[False] else ""
+    return f"{'met' if count >= 5 else 'missed'}, {count} of {of}: {', '.join(said[True])}{others}"
 
 
 def ranked(draws: Sequence[Row], name: str) -> float | None:
