@@ -21,9 +21,9 @@ ROOT = TOOL["ROOT"]
 BUDGETS = {
     "cli": (2196, 20),
     "data": (2335, 28),
-    "estimators": (1832, 18),
+    "estimators": (1831, 18),
     "faults": (2929, 120),
-    "formats": (5185, 54),
+    "formats": (5184, 54),
     "inference": (2206, 86),
     "mixture": (687, 11),
     "numerics": (581, 16),
@@ -35,7 +35,7 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 23_234, 2_069, 23_971
+LINES, PAGE_LINES, TEST_LINES = 23_230, 2_069, 23_971
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0
