@@ -88,11 +88,11 @@ def answer(
     if task_of is not None:
         of_rows = np.concatenate([task, task[once.pairs[:, 0]], task[once.tied.T.ravel()]])
         in_task = trust_in_tasks(trust, of_rows[answered][told], right[told], task, settings.min_trust)
-    both = is_contrast(evidence, n_pairs)
-    by_columns = regression(rows, total, n_pairs, settings, slice(len(first)))
+    both, by_columns = is_contrast(evidence, n_pairs), regression(rows, total, n_pairs, settings, slice(len(first)))
     follows = once.contrast and (trust > settings.min_trust if both else any(witnesses.heard))
-    share = np.minimum(in_task / settings.full_trust, 1.0) ** 2 if both else (task >= 0) / 2  # outcomes err together
-    log_odds = (settings.sharpness if both or follows else 2.0) * share * by_columns + by_witnesses
+    share = np.minimum(in_task / settings.full_trust, 1.0) ** 2 if both else 1 / 2  # outcomes alone may err together
+    factor = settings.sharpness * share if both or follows else 1.0
+    log_odds = np.where(task < 0, 0.0, factor * by_columns) + by_witnesses
     limit = logit(settings.min_proba) if follows else np.inf
     verdicts = (log_odds >= limit).astype(int) - (log_odds <= -limit)
     known, log_odds = replace(answers, heard=witnesses.heard).shared(copy_of), log_odds[place]
