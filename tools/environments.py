@@ -103,6 +103,8 @@ def build(folder: Path) -> Path:
     wheel = next(path for path in made if path.suffix == ".whl")
     call(python, "-m", "twine", "check", "--strict", *made)
     call(python.with_name("check-wheel-contents"), wheel)
+    for name in ("release", "checkout"):
+        shutil.rmtree(folder / name)  # the environments of the tests need the disk
     return wheel
 
 
