@@ -20,7 +20,6 @@ from rpil.inference.witnesses import (
     prior_counts,
     regression,
     reliability,
-    shared_errors,
     weigh,
 )
 
@@ -207,25 +206,14 @@ def test_a_flag_alone_has_its_prior_strength_if_columns_confirm_it(right, confir
     assert ((found.confirmed[0] > 0.5), found.heard) == (confirmed, (int(confirmed),))
 
 
-def test_errors_that_witnesses_share_are_counted_once():
-    """Where it is certain who is good, an error is the distance from the mean of the own sort."""
-    rng = np.random.default_rng(0)
-    good, strange = np.repeat([0, 1], 30), rng.integers(0, 2, 60)
-    levels = [good + strange, good + np.where(rng.random(60) < 0.2, 1 - strange, strange), rng.integers(-1, 3, 60)]
-    levels.append(2 - levels[2])
-    rows, certain = np.column_stack([np.ones(60), np.zeros((60, 2))]), np.where(good, 90.0, -90.0)
-    levels[2][:8] = -1
-    errors = []
-    for level in levels:
-        known = level >= 0
-        means = [level[known & (good == sort)].mean() for sort in (0, 1)]
-        errors.append(np.where(known, level - np.take(means, good), 0))
-    for n in (2, 4):
-        expected = np.maximum(np.corrcoef(errors[:n]), 0).sum(axis=1)
-        assert expected[0] > 1.4
-        found = shared_errors(rows, np.zeros(60), 0, np.outer(certain, [1 / n] * n), levels[:n], SETTINGS)
-        np.testing.assert_allclose(found, expected, atol=1e-5)
-    assert shared_errors(rows, certain, 0, np.zeros((60, 1)), levels[:1], SETTINGS).tolist() == [1]
+@pytest.mark.parametrize("reverse", [False, True])
+def test_witnesses_that_say_the_same_count_as_one(reverse):
+    rows, labels, n_pairs, flags = world(0.85, m=160, n_labels=160)
+    alone = weigh(rows, labels, n_pairs, flags[:, :1], SETTINGS)
+    twin = np.column_stack([flags[:, 0], 1 - flags[:, 0] if reverse else flags[:, 0]])
+    found = weigh(rows, labels, n_pairs, twin, SETTINGS)
+    np.testing.assert_allclose(found.evidence.sum(axis=1), alone.evidence[:, 0], rtol=0.12)
+    assert most_alike([flag.astype(int) for flag in twin.T])[2].tolist() == [2, 2]
 
 
 @pytest.mark.parametrize(("n_labels", "beside"), [(0, True), (30, True), (30, False)])

@@ -130,7 +130,7 @@ def weigh(
     if not values.size:
         return Witnesses(values, np.ones(values.shape[1]), np.ones(values.shape[1]))
     n, levels = len(values), [levels_of(column, settings.max_levels) for column in values.T]
-    priors, (alike, opposed) = [prior_counts(level, settings) for level in levels], most_alike(levels)
+    priors, (alike, opposed, n_same) = [prior_counts(level, settings) for level in levels], most_alike(levels)
     found = np.stack([log_ratio(counts)[level] for level, counts in zip(levels, priors, strict=True)], axis=1)
     # Whether what a witness says of other folds, as it is thought beforehand, predicts its levels.
     folds = (held_out(rows, evidence[:n] + said, settings) for said in found.T)
@@ -149,8 +149,7 @@ def weigh(
                 by_others = float(expit(gain - len(ratio[:-1]) / 2 * np.log(max((level >= 0).sum(), 1))))
                 sign[k] = np.sign(ratio[-2] - ratio[0]) or 1.0
                 confirmed[k] = max(by_others, by_columns[k]) if sign[k] > 0 else by_others
-            new[:, k] = confirmed[k] * ratio[level]
-        new /= shared_errors(rows, evidence, n_pairs, new, levels, settings)
+            new[:, k] = confirmed[k] * ratio[level] / n_same[k]
         change, found = float(np.abs(new - found).max()), new
         if change < ENOUGH:
             break
@@ -182,9 +181,10 @@ def log_ratio(counts: Float[Array, "2 K"]) -> Float[Array, " K+1"]:
     return np.append(good - bad, 0.0)
 
 
-def most_alike(levels: list[Int[Array, " M"]]) -> tuple[Bool[Array, "W W"], Bool[Array, " W"]]:
-    """Which witnesses are taken for each one: itself, the most correlated one, and all others from `TOO_ALIKE` on; and
-    whether one of these is low where it is high, by more than chance. Correlations are those where both are known."""
+def most_alike(levels: list[Int[Array, " M"]]) -> tuple[Bool[Array, "W W"], Bool[Array, " W"], Int[Array, " W"]]:
+    """Which witnesses are taken for each one: itself, the most correlated one, and all others from `TOO_ALIKE` on;
+    whether one of these is low where it is high, by more than chance; and how many count as one from `TOO_ALIKE` on.
+    Correlations are those where both are known."""
     size, opposed = -np.eye(len(levels)), np.zeros((len(levels), len(levels)), dtype=bool)
     for i, j in permutations(range(len(levels)), 2):
         known = (levels[i] >= 0) & (levels[j] >= 0)
@@ -193,7 +193,8 @@ def most_alike(levels: list[Int[Array, " M"]]) -> tuple[Bool[Array, "W W"], Bool
             correlation = np.corrcoef(one, other)[0, 1]
             size[i, j], opposed[i, j] = abs(correlation), correlation * np.sqrt(len(one)) < -2
     alike = size >= np.minimum(size.max(axis=1, keepdims=True), TOO_ALIKE)
-    return alike | np.eye(len(levels), dtype=bool), (alike & opposed).any(axis=1)
+    n_same = 1 + (size >= TOO_ALIKE).sum(axis=1)
+    return alike | np.eye(len(levels), dtype=bool), (alike & opposed).any(axis=1), n_same
 
 
 def reliability(
@@ -210,22 +211,3 @@ def reliability(
     explained = expit(log_odds) * good[level] + expit(-log_odds) * bad[level]
     shares = np.bincount(level, minlength=n) + 0.5
     return log_ratio(counts), float(np.log(explained / (shares / shares.sum())[level]).sum())
-
-
-def shared_errors(
-    rows: Array, evidence: Array, n_pairs: int, found: Array, levels: list[Array], settings: AnswerSettings
-) -> Float[Array, " W"]:
-    """How many witnesses each one is worth together with those that err as it does: the sum of the positive
-    correlations of errors."""
-    if len(levels) < 2:
-        return np.ones(len(levels))
-    total = evidence.copy()
-    total[: len(found)] += found.sum(axis=1)
-    proba = expit(regression(rows, total, n_pairs, settings, slice(len(found))) + total[: len(found)])
-    errors = []
-    for level in levels:
-        middles = [np.average(level, weights=each * (level >= 0) + 1e-9) for each in (1 - proba, proba)]
-        errors.append((level - (1 - proba) * middles[0] - proba * middles[1]) * (level >= 0))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        alike = np.nan_to_num(np.corrcoef(errors))
-    return np.asarray(np.maximum(np.maximum(alike, 0.0).sum(axis=1), 1.0))
