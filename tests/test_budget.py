@@ -24,18 +24,18 @@ BUDGETS = {
     "estimators": (1831, 18),
     "faults": (2929, 120),
     "formats": (5184, 54),
-    "inference": (2206, 86),
+    "inference": (2110, 81),
     "mixture": (687, 11),
     "numerics": (581, 16),
     "policies": (1248, 49),
-    "results": (2412, 44),
+    "results": (2411, 43),
     "scale": (592, 20),
     "segments": (492, 19),
     "simulation": (426, 0),
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 23_230, 2_069, 23_971
+LINES, PAGE_LINES, TEST_LINES = 23_133, 2_069, 23_930
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0

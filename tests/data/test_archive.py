@@ -66,7 +66,7 @@ def test_load_refuses_truncated_and_damaged_files(saved):
     ("field", "value", "match"),
     [
         ("schema", "other", "no policy that rpil saved"),
-        ("version", 1, r"version 1 of the format, but rpil .* reads version 18; use"),
+        ("version", 1, r"version 1 of the format, but rpil .* reads version 19; use"),
         ("version", None, "version None"),
         ("version", [[["x"] * 9]] * 99, r"version \S\S\S'x'.{,15} of the format, but"),
         ("class", "GaussianPolicy", LOST),

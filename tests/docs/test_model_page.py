@@ -37,7 +37,7 @@ def test_constants_of_answers_are_those_of_the_judge():
     assert f"at least {short(answers.min_proba)} or at most {short(round(1 - answers.min_proba, 9))} " in FLAT
     assert settings.ChannelSettings().n_components == 8
     assert "up to eight principal components" in FLAT
-    assert f"seven channels ({', '.join(CHANNELS)})" in FLAT
+    assert f"five channels ({', '.join(CHANNELS)})" in FLAT
 
 
 def test_constants_of_scores_are_those_of_the_judge():

@@ -51,7 +51,7 @@ def made(n_tasks, seed, reverse=()):
 def test_answers_about_one_task_say_of_another_what_holds_in_both():
     """Five answers in each of two tasks; in the second pair of tasks the ranking is the other way round in one."""
     said, wrong = np.zeros((2, 2)), np.zeros((2, 2))
-    for seed, k in np.ndindex(12, 2):
+    for seed, k in np.ndindex(40, 2):
         task, good, columns = made(2, seed, [1] * k)
         labels = np.where(np.arange(80) % 40 < 5, np.where(good, 1, -1), 0)
         found = [answer(columns, answers_of(labels, m=80), SETTINGS, np.arange(80), task_of=task).verdicts]

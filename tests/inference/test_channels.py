@@ -12,13 +12,13 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Box, Discrete
 from rpil.inference.channels import (
     CHANNELS,
-    StateScale,
     channels,
     columns_of,
     components,
     normal_scores,
     own_log_prob,
     spaced,
+    spread_of,
     summaries,
 )
 from rpil.inference.settings import ChannelSettings
@@ -28,8 +28,7 @@ SETTINGS, ERRORS = ChannelSettings(), ErrorSettings()
 STATES = np.array([[0.0, 0], [1, 0], [2, 0], [2, 0], [4, 0], [4, 3], [0, 0], [0, 1]])
 OFFSETS = np.array([0, 4, 6, 8])
 ACTIONS = np.array([[0.0], [1], [3], [3], [5], [1], [2], [2]])
-LOG_PROB = np.array([-1.0, -3, -1, -3, -5, -7, -1, -2])
-LOG_RATIO = LOG_PROB + np.array([1.0, 1, 1, 1, 2, 2, 0, 0])
+LOG_RATIO = np.array([0.0, -2, 0, -2, -3, -5, -1, -2])
 
 
 def data_of(states=STATES, actions=ACTIONS, offsets=OFFSETS) -> FitData:
@@ -39,37 +38,35 @@ def data_of(states=STATES, actions=ACTIONS, offsets=OFFSETS) -> FitData:
     return FitData(features, actions, offsets, space, np.zeros(len(offsets) - 1, dtype=int))
 
 
-def described(data, actions=None, states=None):
-    states = states or StateScale.of(data, SETTINGS)
+def described(data, actions=None):
     actions = np.asarray(data.actions if actions is None else actions, dtype=float)
-    own = own_log_prob(data, actions, ERRORS)
-    found = channels(data, LOG_PROB, LOG_RATIO, actions, own, states)
+    found = channels(data, LOG_RATIO, actions, spread_of(data))
     return dict(zip(CHANNELS[1:], found.T, strict=True))
 
 
 def test_channels_of_likelihood_and_length():
     found = described(data_of())
-    np.testing.assert_allclose(found["gain over all actions"], [-1, -4, -1.5])
+    np.testing.assert_allclose(found["gain"], [-1, -4, -1.5])
     np.testing.assert_allclose(found["length"], np.log([4, 2, 2]))
 
 
 def test_discrete_actions_are_compared_with_frequencies():
     actions = np.array([0, 0, 0, 1, 1, 1, 2, 0])
-    found = described(data_of(actions=actions), np.eye(3)[actions])
-    np.testing.assert_allclose(found["gain over all actions"], [-1, -4, -1.5])
+    data, taken = data_of(actions=actions), np.eye(3)[actions]
+    found = described(data, taken)
+    np.testing.assert_allclose(found["gain"], [-1, -4, -1.5])
     # one step of every action is added: 4, 2, 1 of 7; 1, 3, 1 of 5; 2, 1, 2 of 5
     own = [(3 * np.log(4 / 7) + np.log(2 / 7)) / 4, np.log(3 / 5), np.log(2 / 5)]
-    np.testing.assert_allclose(found["gain over own actions"], np.array([-2, -6, -1.5]) - own)
+    np.testing.assert_allclose(own_log_prob(data, taken, ERRORS), own)
     np.testing.assert_allclose(found["smoothness"], [-2 / 3, 0, -2])
 
 
 def test_own_actions_are_a_student_distribution_around_their_median():
-    found = described(data_of())
     own = []
     for errors in (np.array([-2.0, -1, 1, 1]), np.array([2.0, -2]), np.zeros(2)):
         scale = np.array([1.35 * np.median(np.abs(errors)) + 0.03])
         own.append(student_log_densities(errors[:, None], scale, ERRORS).sum(axis=1).mean())
-    np.testing.assert_allclose(found["gain over own actions"], np.array([-2, -6, -1.5]) - own)
+    np.testing.assert_allclose(own_log_prob(data_of(), ACTIONS, ERRORS), own)
 
 
 def test_smoothness_is_the_mean_change_of_all_parts_of_the_action():
@@ -80,21 +77,10 @@ def test_smoothness_is_the_mean_change_of_all_parts_of_the_action():
 
 def test_moves_are_in_standard_deviations_of_the_states():
     data = data_of()
-    scale = StateScale.of(data, SETTINGS)
-    np.testing.assert_allclose(scale.spread, [STATES[:, 0].std(), STATES[:, 1].std(), 1.0])
-    x, y = 1 / scale.spread[:2]
-    moves = np.array([x, x, 0, 3 * y, y])  # within demonstrations
-    assert scale.rest == pytest.approx(0.1 * np.median(moves))
-    found = described(data)
-    np.testing.assert_allclose(found["short path"], [-2 * x, -3 * y, -y])
-    np.testing.assert_allclose(found["motion"], [-1 / 3, 0, 0])
-
-
-def test_a_step_at_the_limit_of_rest_is_idle():
-    scale = StateScale.of(data_of(), SETTINGS)
-    x = 1 / scale.spread[0]
-    for rest, idle in ((x, 1.0), (0.999 * x, 1 / 3)):
-        assert described(data_of(), states=replace(scale, rest=rest))["motion"][0] == pytest.approx(-idle, abs=1e-9)
+    spread = spread_of(data)
+    np.testing.assert_allclose(spread, [STATES[:, 0].std(), STATES[:, 1].std(), 1.0])
+    x, y = 1 / spread[:2]
+    np.testing.assert_allclose(described(data)["short path"], [-2 * x, -3 * y, -y])
 
 
 def test_shifts_and_units_of_states_and_a_constant_one_change_nothing():
@@ -106,9 +92,8 @@ def test_shifts_and_units_of_states_and_a_constant_one_change_nothing():
 
 def test_demonstrations_of_one_step():
     data = data_of(STATES, ACTIONS, np.arange(9))
-    assert StateScale.of(data, SETTINGS).rest == 0.0
     found = described(data)
-    for name in ("motion", "short path", "smoothness", "length"):
+    for name in ("short path", "smoothness", "length"):
         np.testing.assert_array_equal(found[name], 0.0)
 
 

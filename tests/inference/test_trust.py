@@ -13,7 +13,7 @@ from rpil.data.demonstrations import Demonstrations
 from rpil.data.fit_data import Demonstrators
 from rpil.inference import trust as module
 from rpil.inference.answers import Answers
-from rpil.inference.channels import CHANNELS, StateScale, columns_of, spaced
+from rpil.inference.channels import CHANNELS, columns_of, spaced
 from rpil.inference.groups import expert_share_interval
 from rpil.inference.held_out import held_out_model
 from rpil.inference.outliers import Claims
@@ -37,11 +37,11 @@ SOURCE = Demonstrations(np.zeros((10, 1)), np.arange(10) % 2, np.arange(11))
 def concluded(labels=None, p_two=0.999, finding="outliers"):
     """The judgement of `SCORE`, and the audit with these labels."""
     scores = scores_of(scoring_of(same_actions(10), lambda group: 0.0, SETTINGS), SCORE, p_two)
-    facts = np.cos(np.outer(np.arange(10.0), np.arange(1, 7)))  # one for each of the other channels
+    facts = np.cos(np.outer(np.arange(10.0), np.arange(1, len(CHANNELS))))  # one for each of the other channels
     columns = columns_of(scores.log_odds, facts, np.empty((10, 0)), SCORE)
-    claims, states, own = Claims(finding, LOWER), StateScale(np.ones(2), 0.0), np.arange(10)
+    claims, spread, own = Claims(finding, LOWER), np.ones(2), np.arange(10)
     none = np.zeros(10), np.zeros(0), np.zeros(10)
-    judgement = Judgement(scores, columns, states, claims, own, *none)
+    judgement = Judgement(scores, columns, spread, claims, own, *none)
     answers = Answers.of_labels(np.array(labels if labels is not None else [0] * 10, dtype=np.int64))
     return judgement, audit_from_judgement(judgement, SOURCE, answers, Demonstrators(), AuditSettings())
 

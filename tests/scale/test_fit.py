@@ -30,7 +30,7 @@ def of_sample(kind, indices):
 
 
 def scored(data, judged, policies):
-    return score_block(data, policies, judged.states, SETTINGS)
+    return score_block(data, policies, judged.spread, SETTINGS)
 
 
 @pytest.mark.parametrize(("kind", "value"), [("random", 1.0), ("flipped", 1.0), ("none", 0.0)])

@@ -27,7 +27,7 @@ from rpil.data.memory import LARGEST_TABLE, check_memory, check_text
 from rpil.numerics.regression import ErrorSettings
 from rpil.numerics.types import Array
 
-VERSION = 18
+VERSION = 19
 """Version of the format; a file of another version is refused."""
 
 MEMBER = ".npy"  # end of the names of members that hold an array

@@ -304,7 +304,7 @@ def fit_sampled(task: Task, options: FitOptions, learns: bool) -> FitResult:
     options.progress("a pass over everything: scores")
     everyone = FitData(np.empty(0), np.empty(0), task.source.offsets, task.space)
     policies = policies_of_sample(data, judgement, judging)
-    score = partial(score_block, policies=policies, states=judgement.states, settings=judging)
+    score = partial(score_block, policies=policies, spread=judgement.spread, settings=judging)
     judgement = judge_everyone(sample, everyone, blocks.map(score), judging)
     # The log-ratios of the steps are on disk.
     result = decided(task, options, replace(judgement, log_ratio=np.empty(0)), features, learns)

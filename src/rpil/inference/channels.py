@@ -6,7 +6,6 @@ nothing about quality until an answer does. Facts beyond motion are `components`
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import reduce
 from itertools import pairwise
 
@@ -18,66 +17,44 @@ from rpil.data.fit_data import FitData
 from rpil.data.spaces import Discrete
 from rpil.inference.settings import ChannelSettings
 from rpil.numerics.regression import ErrorSettings, mean_ranks, medians, student_log_densities
-from rpil.numerics.types import Array, Bool, Float
+from rpil.numerics.types import Array, Float
 
 CHANNELS = (
     "agreement",
-    "gain over own actions",
-    "gain over all actions",
+    "gain",
     "length",
     "smoothness",
-    "motion",
     "short path",
 )
-"""Names of the channels; of each, more is more of what the name says."""
+"""Names of the channels; of each, more is more of what the name says. The gain is that over all actions."""
 
 BLOCK_ROWS, BLOCK_COLUMNS = 4_096, 4
 """Steps whose moves are computed together, and columns that are summarised together."""
 
 
-@dataclass(frozen=True, eq=False)
-class StateScale:
-    """Scale by which the channels of states are measured."""
-
-    spread: Float[Array, " F"]
-    """Standard deviation of the features, without the constant."""
-    rest: float
-    """Length of a move, in standard deviations, below which a step is idle."""
-
-    @classmethod
-    def of(cls, data: FitData, settings: ChannelSettings) -> StateScale:
-        """Measure the states of `data`."""
-        # Column by column, so that no copy in double precision is made.
-        spread = np.array([column.std(dtype=float) for column in data.features.T])
-        spread = np.where(spread > 0, spread, 1.0)
-        moves, inside = _moves(data.features, spread, data), _inside(data)
-        return cls(spread, settings.idle_share * float(np.median(moves[inside])) if inside.any() else 0.0)
+def spread_of(data: FitData) -> Float[Array, " F"]:
+    """Standard deviation of the features, 1 where it is 0: the unit of a move."""
+    # Column by column, so that no copy in double precision is made.
+    spread = np.array([column.std(dtype=float) for column in data.features.T])
+    return np.where(spread > 0, spread, 1.0)
 
 
 def channels(
-    data: FitData,
-    log_prob: Float[Array, " N"],
-    log_ratio: Float[Array, " N"],
-    actions: Float[Array, "N A"],
-    own: Float[Array, " M"],
-    states: StateScale,
+    data: FitData, log_ratio: Float[Array, " N"], actions: Float[Array, "N A"], spread: Float[Array, " F"]
 ) -> Float[Array, "M C"]:
     """The channels of M demonstrations after agreement, in the order of `CHANNELS`.
 
-    `log_prob` is log pi of each step and `log_ratio` is log pi - log q; `actions` are scaled, or indicators of discrete
-    actions; `own` is the `own_log_prob` of each demonstration.
+    `log_ratio` is log pi - log q of each step; `actions` are scaled, or indicators of discrete actions; `spread` is
+    that of the features (`spread_of`).
     """
-    inside, moves_of = _inside(data), np.maximum(data.lengths - 1, 1)
-    moves = _moves(data.features, states.spread, data)
+    inside = np.ones(len(actions), dtype=bool)
+    inside[data.offsets[1:] - 1] = False  # the last step of a demonstration moves nowhere
     changes = np.append(np.abs(np.diff(actions, axis=0)).sum(axis=1), 0.0) * inside
-    idle = data.sum_steps((moves <= states.rest) & inside) / moves_of
     columns = [
-        data.mean_steps(log_prob) - own,
         data.mean_steps(log_ratio),
         np.log(data.lengths),
-        -data.sum_steps(changes) / moves_of,
-        -idle,
-        -data.sum_steps(moves),
+        -data.sum_steps(changes) / np.maximum(data.lengths - 1, 1),
+        -data.sum_steps(_moves(data.features, spread) * inside),
     ]
     return np.stack(columns, axis=1)
 
@@ -148,20 +125,13 @@ def normal_scores(values: Float[Array, "M C"], out: Float[Array, "M C"] | None =
     return out
 
 
-def _inside(data: FitData) -> Bool[Array, " N"]:
-    """Steps that another step of the same demonstration follows."""
-    inside = np.ones(len(data.actions), dtype=bool)
-    inside[data.offsets[1:] - 1] = False
-    return inside
-
-
-def _moves(features: Array, spread: Array, data: FitData) -> Array:
-    """Distance of each step to the next in the same demonstration, in standard deviations; 0 for the last."""
+def _moves(features: Array, spread: Array) -> Array:
+    """Distance of each step to the next, in standard deviations."""
     moves = np.zeros(len(features))
     for begin in range(0, len(features) - 1, BLOCK_ROWS):  # because a design matrix may be large
         steps = np.diff(features[begin : begin + BLOCK_ROWS + 1], axis=0) / spread
         moves[begin : begin + len(steps)] = np.sqrt(np.einsum("nf,nf->n", steps, steps))
-    return np.asarray(moves * _inside(data))
+    return moves
 
 
 def own_log_prob(data: FitData, actions: Float[Array, "N A"], errors: ErrorSettings) -> Float[Array, " M"]:

@@ -113,12 +113,10 @@ class PartSettings:
     """Steps from which the parts are found; of more, every second, third and so on."""
 
 
-@settings_record(idle_share="[0, 1]")
+@settings_record()
 class ChannelSettings:
     """Channels (`rpil.inference.channels`)."""
 
-    idle_share: float = 0.1
-    """Share of the median move below which a step is idle."""
     n_components: int = 8
     """Principal components of the summaries of a demonstration, at most."""
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from rpil.data.copies import Copies
 from rpil.data.fit_data import FitData
-from rpil.inference.channels import StateScale, channels, columns_of, components, summaries
+from rpil.inference.channels import channels, columns_of, components, spread_of, summaries
 from rpil.inference.held_out import HeldOutModel, indicators
 from rpil.inference.outliers import Claims, claim, telling_pair
 from rpil.inference.scores import Scores, Scoring
@@ -28,7 +28,8 @@ class Judgement:
     scores: Scores
     columns: Float[Array, "M D"]
     """From which answers learn, see `rpil.inference.channels.columns_of`."""
-    states: StateScale
+    spread: Float[Array, " F"]
+    """Standard deviation of the features."""
     claims: Claims
     copy_of: Int[Array, " M"]
     """The first of the copies of each demonstration, which may be itself."""
@@ -68,14 +69,13 @@ def judge(
     progress("fitting the training group")
     scores = score_by_best_group(scoring)
     progress("what the scores support")
-    claims, log_prob = claim(scoring, scores), scores.fit.log_prob
-    log_ratio = log_prob - scoring.log_q
-    actions, states = indicators(data), StateScale.of(data, settings.channels)
-    facts = channels(data, log_prob, log_ratio, actions, scoring.own, states)
+    claims, log_ratio = claim(scoring, scores), scores.fit.log_prob - scoring.log_q
+    actions, spread = indicators(data), spread_of(data)
+    facts = channels(data, log_ratio, actions, spread)
     seen = components(summaries(data, actions), settings.channels)
     columns, own = columns_of(scores.log_odds, facts, seen, scores.score), np.arange(data.n_demonstrations)
     part = np.zeros(len(own)) if learner is None else two_parts(learner, scores, claims.verdicts < 0, settings)
-    return Judgement(scores, columns, states, claims, own, data.mean_steps(log_ratio > 0), log_ratio, part)
+    return Judgement(scores, columns, spread, claims, own, data.mean_steps(log_ratio > 0), log_ratio, part)
 
 
 def score_by_best_group(scoring: Scoring) -> Scores:

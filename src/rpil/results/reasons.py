@@ -1,8 +1,8 @@
 """Facts about demonstrations, and the reason for each verdict.
 
 Facts change no verdict, and say nothing about quality. Most are ranks within the demonstrations that were judged
-together, from 0 to 1: 1 is the longest, the one with the most pauses, and so on. They are the ranks of the channels
-from which answers learn (`rpil.inference.channels`).
+together, from 0 to 1: 1 is the longest, the smoothest, and so on. They are the ranks of the channels from which answers
+learn (`rpil.inference.channels`).
 
 A reason is one sentence: what decided, and the steps that differ most. Steps differ where they are much more likely
 under the reference, or the named adversary, than under the policy of the trusted: the stretch of consecutive steps with
@@ -144,7 +144,6 @@ def _by_scores(audit: Judged, m: int, rank: int, group: str) -> str:
 
 RANKS: Mapping[str, tuple[str, int, str, str]] = {
     "length": ("length", 1, "is shorter", "takes longer"),
-    "pauses": ("motion", -1, "pauses less", "pauses more"),
     "smoothness": ("smoothness", 1, "is less smooth", "is smoother"),
     "path": ("short path", -1, "has a shorter path", "has a longer path"),
 }
@@ -193,5 +192,5 @@ def groups_differ(
             of_b, of_a = (np.median(lengths[group]) for group in (second, first))
             steps = f" (median {of_b:,.0f} against {of_a:,.0f} steps)"
             found.append(words[above > 0.5] + steps * (name == "length"))
-    differ = f"B {listed(found)}" if found else "in length, pauses, smoothness and path they hardly differ"
+    differ = f"B {listed(found)}" if found else "in length, smoothness and path they hardly differ"
     return (f"{TWO_GROUPS}{differ}.",)

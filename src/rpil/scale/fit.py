@@ -17,7 +17,7 @@ import numpy as np
 from rpil.data.demonstrations import Block
 from rpil.data.fit_data import FitData
 from rpil.data.spaces import Space, encode_actions
-from rpil.inference.channels import StateScale, channels, columns_of, components, own_log_prob, summaries
+from rpil.inference.channels import channels, columns_of, components, own_log_prob, summaries
 from rpil.inference.fitted_judge import Ratio, fit_ratio
 from rpil.inference.groups import fit_groups
 from rpil.inference.held_out import indicators
@@ -68,14 +68,14 @@ class BlockScores(NamedTuple):
     log_ratio: Array
 
 
-def score_block(data: FitData, policies: tuple[Ratio, ...], states: StateScale, settings: JudgeSettings) -> BlockScores:
+def score_block(data: FitData, policies: tuple[Ratio, ...], spread: Array, settings: JudgeSettings) -> BlockScores:
     """Score the demonstrations of a block by `policies_of_sample`."""
     ratio, *parts = policies
     log_prob, log_ratio = ratio.step_ratios(data.features, data.actions, settings.held_out)
     actions = indicators(data, ratio.scaling)
     own = own_log_prob(data, actions, settings.held_out.errors)
     mean, squares, dependent = means(data, log_prob if data.space.has_density else log_ratio)
-    described = channels(data, log_prob, log_ratio, actions, own, states)
+    described = channels(data, log_ratio, actions, spread)
     by_part = [part.step_ratios(data.features, data.actions, settings.held_out)[0] for part in parts]
     side = data.mean_steps(by_part[0] - by_part[1]) if by_part else np.zeros(data.n_demonstrations)
     summed = summaries(data, actions).astype(np.float32)
@@ -126,7 +126,7 @@ def judge_everyone(
     columns = columns_of(scores.log_odds, described, components(summed, settings.channels), score)
     copy_of, part = np.arange(len(score)), np.abs(judged.part[0]) * np.where(side > 0, 1.0, -1.0)
     part[sample.indices] = judged.part
-    return Judgement(scores, columns, judged.states, claims, copy_of, reliability, log_ratio, part)
+    return Judgement(scores, columns, judged.spread, claims, copy_of, reliability, log_ratio, part)
 
 
 class WeightedBlock(NamedTuple):

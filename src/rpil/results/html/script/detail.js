@@ -1,5 +1,5 @@
 // The panel of one demonstration: why it has its verdict, where to look, its facts, and its steps drawn.
-const RANK_WORDS = { length: "length", pauses: "pauses", smoothness: "smoothness", path: "length of its path" };
+const RANK_WORDS = { length: "length", smoothness: "smoothness", path: "length of its path" };
 
 const makeDetail = (model, place, act) => {
   const { d, view, names, found } = model;
