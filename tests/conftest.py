@@ -51,7 +51,7 @@ def chromium(tmp_path_factory):
         yield browser
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def current_folder(tmp_path, monkeypatch):
     """A current folder for each test."""
     monkeypatch.chdir(tmp_path)

@@ -17,9 +17,8 @@ ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture
-def environment(tmp_path, monkeypatch):
+def environment(tmp_path):
     """Programs of this checkout: what python installs is written to a file, and rpil is the package that is tested."""
-    monkeypatch.chdir(tmp_path)
     programs = {"python": f'echo "$@" >> {tmp_path}/installed', "rpil": f'exec {sys.executable} -m rpil "$@"'}
     (tmp_path / "bin").mkdir()
     for name, line in programs.items():

@@ -20,8 +20,7 @@ TOOL = runpy.run_path(str(Path(__file__).parents[1] / "tools" / "path_of_audit.p
 
 
 @pytest.fixture
-def drive(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def drive():
     TOOL["write_demonstrations"](Path("drive.csv"))
     Path("labels.csv").write_text("id,label\n0,bad\n4,bad\n1,good\n")
     return Path("drive.csv")

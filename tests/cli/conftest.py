@@ -33,9 +33,3 @@ def data(tmp_path_factory):
 def audit(data):
     """Their audit."""
     return RPIL(settings=FAST).fit(formats.read(data, observations=["x", "v"])).audit_
-
-
-@pytest.fixture(autouse=True)
-def current_folder(tmp_path, monkeypatch):
-    """A current folder for each test."""
-    monkeypatch.chdir(tmp_path)

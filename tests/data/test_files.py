@@ -102,8 +102,7 @@ def test_a_pipe_is_no_input(tmp_path, check):
         signal.signal(signal.SIGALRM, before)
 
 
-def test_an_output_is_named_once_and_joins_no_input(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_an_output_is_named_once_and_joins_no_input(tmp_path):
     (tmp_path / "data").mkdir()
     (tmp_path / "d.csv").write_text("x")
     check_outputs(["data", "d.csv", None], ["e.csv", None])

@@ -23,6 +23,7 @@ from rpil.data.text import (
     to_cell,
 )
 from rpil.formats.registry import find
+from rpil.formats.table import is_number
 
 
 @pytest.mark.parametrize(
@@ -111,7 +112,7 @@ def test_tables_come_back(tmp_path, actions):
     formats.write(tmp_path / "a.csv", data, {"operator": ["@Ann"] * len(data)})
     with open(tmp_path / "a.csv", newline="", encoding="utf-8") as file:
         cells = [cell for row in csv.reader(file) for cell in row]
-    assert not [cell for cell in cells if cell.startswith(DANGER) and not _is_number(cell)]
+    assert not [cell for cell in cells if cell.startswith(DANGER) and not is_number(cell)]
     recording = formats.read_recording(tmp_path / "a.csv")
     assert recording.demonstrations.ids == tuple(FORMULAS)
     np.testing.assert_array_equal(recording.demonstrations.actions, data.actions)
@@ -120,13 +121,6 @@ def test_tables_come_back(tmp_path, actions):
     assert formats.read(tmp_path / "b.csv").ids == tuple(FORMULAS[:2])
     kept = (tmp_path / "b.csv").read_text().splitlines()
     assert {*kept} <= {*(tmp_path / "a.csv").read_text().splitlines()}  # the user's own lines
-
-
-def _is_number(text):
-    try:
-        return bool(float(text)) or True
-    except ValueError:
-        return False
 
 
 @pytest.mark.parametrize("missing", [False, True])

@@ -56,9 +56,8 @@ def test_every_example_is_run_and_the_site_runs_these():
 
 
 @pytest.mark.slow
-def test_the_notebook_runs_cell_by_cell(tmp_path, monkeypatch):
+def test_the_notebook_runs_cell_by_cell(tmp_path):
     """Without Jupyter; in the place of what pip installs and the network brings there is this checkout."""
-    monkeypatch.chdir(tmp_path)
     runpy.run_path(str(EXAMPLES.parent / "tools" / "drives.py"), run_name="__main__")  # drives.csv
     notebook = json.loads((EXAMPLES / "your_own_data.ipynb").read_text(encoding="utf-8"))
     assert (notebook["nbformat"], notebook["metadata"]["kernelspec"]["name"]) == (4, "python3")

@@ -30,22 +30,21 @@ def test_commands_run_and_print_what_is_shown(tmp_path):
     (tmp_path / "labels.csv").write_text("id,label\n33,better than 38\n3,bad\n44,bad\n0,good\n", encoding="utf-8")
     left_out = re.compile(r"pip |rpil (label|review) ")
     printed, n_shown, names = "", 0, {}
-    with contextlib.chdir(tmp_path):
-        for name in ("drives", "so100"):
-            runpy.run_path(str(ROOT / "tools" / f"{name}.py"), run_name="__main__")
-        for block in TUTORIALS["blocks"](ROOT / "README.md"):
-            if block.kind == "text":
-                assert doctest.OutputChecker().check_output(block.text, printed, TUTORIALS["SAME"]), printed
-                n_shown += 1
-                continue
-            with contextlib.redirect_stdout(io.StringIO()) as out:
-                if block.kind == "python":
-                    exec(compile(block.text, "README.md", "exec"), names)
-                for line in block.text.splitlines() if block.kind == "sh" else ():
-                    if not left_out.match(line):
-                        TUTORIALS["call"](shlex.split(line, comments=True), ROOT / "README.md", block)
-            printed = out.getvalue()
-        TUTORIALS["call"](shlex.split(KEEP.replace("-o so100_kept", "-o ids.json")), ROOT / "README.md", block)
+    for name in ("drives", "so100"):
+        runpy.run_path(str(ROOT / "tools" / f"{name}.py"), run_name="__main__")
+    for block in TUTORIALS["blocks"](ROOT / "README.md"):
+        if block.kind == "text":
+            assert doctest.OutputChecker().check_output(block.text, printed, TUTORIALS["SAME"]), printed
+            n_shown += 1
+            continue
+        with contextlib.redirect_stdout(io.StringIO()) as out:
+            if block.kind == "python":
+                exec(compile(block.text, "README.md", "exec"), names)
+            for line in block.text.splitlines() if block.kind == "sh" else ():
+                if not left_out.match(line):
+                    TUTORIALS["call"](shlex.split(line, comments=True), ROOT / "README.md", block)
+        printed = out.getvalue()
+    TUTORIALS["call"](shlex.split(KEEP.replace("-o so100_kept", "-o ids.json")), ROOT / "README.md", block)
     assert n_shown == 3
     assert names["audit"].finding == "outliers"
     assert len(names["weights"]) == 16_000

@@ -27,8 +27,7 @@ RATES = {"LeRobot": 30, "Parquet of lists": 30, "folder of Parquet": 30, "robomi
 
 
 @pytest.fixture(params=SAMPLES)
-def name(request, tmp_path, monkeypatch) -> str:
-    monkeypatch.chdir(tmp_path)
+def name(request) -> str:
     Path("data").mkdir()
     return request.param
 
@@ -193,18 +192,16 @@ class Holed:
 @pytest.fixture
 def holed(name, tmp_path, monkeypatch) -> Path:
     """The sample, where values of the first demonstration are missing."""
-    for array in ("STATES", "MOVES"):
-        values = getattr(samples, array).copy()
-        values[0] = np.nan
-        monkeypatch.setattr(samples, array, values)
     numbers = Holed()
-    monkeypatch.setattr(samples, "_RNG", numbers)
-    monkeypatch.setattr(np.random, "default_rng", lambda seed: numbers)
-    monkeypatch.setattr("rpil.data.arrays.check_finite", lambda *_: None)  # which refuses it
-    path = SAMPLES[name](tmp_path / "data")
-    monkeypatch.undo()
-    monkeypatch.chdir(tmp_path)
-    return path
+    with monkeypatch.context() as patch:
+        for array in ("STATES", "MOVES"):
+            values = getattr(samples, array).copy()
+            values[0] = np.nan
+            patch.setattr(samples, array, values)
+        patch.setattr(samples, "_RNG", numbers)
+        patch.setattr(np.random, "default_rng", lambda seed: numbers)
+        patch.setattr("rpil.data.arrays.check_finite", lambda *_: None)  # which refuses it
+        return SAMPLES[name](tmp_path / "data")
 
 
 def test_a_missing_value_is_named_with_its_demonstration(name, holed):

@@ -15,8 +15,6 @@ import rpil
 from command_line import ok, refused, write_lines
 from rpil.data.errors import DataError
 
-pytestmark = pytest.mark.usefixtures("current_folder")
-
 
 def table(n=8, length=6, head="episode_index,observation.x,action,note"):
     rng = random.Random(0)

@@ -26,8 +26,6 @@ INFO, STATS, EPISODES, STEPS = (
     "data/chunk-000/file-000.parquet",
 )
 
-pytestmark = pytest.mark.usefixtures("current_folder")
-
 
 def sample(name):
     path = SAMPLES[name](Path())
@@ -52,11 +50,8 @@ def test_row_groups_without_all_their_rows(monkeypatch, n_batches):
         refused(re.escape(path.name), "info", path, "--memory", "1kB")
 
 
-def rewrite_episodes(change):
-    def damage(path):
-        pq.write_table(change(pq.read_table(path / EPISODES)), path / EPISODES)
-
-    return damage
+def drop_numbers(path):
+    pq.write_table(pq.read_table(path / EPISODES).drop_columns("episode_index"), path / EPISODES)
 
 
 def damage_page(path):
@@ -73,7 +68,7 @@ LEROBOT = {
     "statistics nested deeply": (lambda path: (path / STATS).write_text(DEEP), STATS),
     "info nested deeply": (lambda path: (path / INFO).write_text(DEEP), INFO),
     "episodes missing": (lambda path: shutil.rmtree(path / "meta/episodes"), "episode"),
-    "episodes without numbers": (rewrite_episodes(lambda table: table.drop_columns("episode_index")), "episode"),
+    "episodes without numbers": (drop_numbers, "episode"),
     "episodes damaged": (lambda path: (path / EPISODES).write_bytes(b"PAR1"), "episode"),
     "data no Parquet": (lambda path: (path / STEPS).write_bytes(b"no"), "file-000.parquet"),
     "data damaged": (damage_page, "file-000.parquet"),

@@ -3,7 +3,6 @@
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
-import pytest
 
 import rpil
 from command_line import refused
@@ -25,9 +24,6 @@ def drives(n=12, **changes):
         "brake_pressure": rng.normal(size=n * STEPS),
     }
     return pa.table(columns | changes)
-
-
-pytestmark = pytest.mark.usefixtures("current_folder")  # of which refused() reads all files
 
 
 def test_trips_and_what_drivers_steer_with_are_found_by_name():

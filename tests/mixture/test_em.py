@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.special import log_softmax
 
 from problems import Toy, continuous_zoo, make, make_continuous, pooled_state, ridge, zoo
@@ -34,20 +33,15 @@ def tiny_state(problem: FitData, which: str, seed: int = 0) -> State:
     return State(policy, adversary(which, problem.space, policy), ExpertPrior(0.3))
 
 
-def likelihoods(problem: FitData, state: State) -> tuple[NDArray, NDArray]:
-    """pi and psi of the actions taken, in plain probabilities."""
-    log_proba = state.policy.outputs(problem.features)
-    pi = np.exp(log_proba[np.arange(len(problem.actions)), problem.actions])
-    return pi, np.exp(state.adversary.log_prob(problem.features, log_proba, problem.actions))
-
-
 @pytest.mark.parametrize("which", ["uniform", "complement", "confusion"])
 def test_e_step_is_enumeration(which):
     labels = (1, -1, 0, 0)
     problem = tiny(labels=labels).problem()
     state = tiny_state(problem, which)
-    pi, psi = likelihoods(problem, state)
-    posterior = e_step(problem, state, state.policy.outputs(problem.features))
+    log_proba, actions = state.policy.outputs(problem.features), problem.actions
+    pi = np.exp(log_proba[np.arange(len(actions)), actions])  # of the actions taken, in plain probabilities, as psi
+    psi = np.exp(state.adversary.log_prob(problem.features, log_proba, actions))
+    posterior = e_step(problem, state, log_proba)
     for m in range(problem.n_demonstrations):
         steps = slice(problem.offsets[m], problem.offsets[m + 1])
         expert, bad = 0.3 * np.prod(pi[steps]), 0.7 * np.prod(psi[steps])

@@ -21,8 +21,7 @@ IDS = ("plain", "a, b", 'say "x"', "é\u2028z", "=1+1", "__proto__")
 
 
 @pytest.fixture
-def data(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def data():
     made = world(4)
     some = made.data.select(range(len(IDS)))
     states, actions = some.observations.T, some.actions.T

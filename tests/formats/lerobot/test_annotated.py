@@ -17,8 +17,7 @@ def all_files(folder):
 
 
 @pytest.fixture
-def source(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # refused() reads all files of the working directory
+def source(tmp_path):
     return write(tmp_path / "set", [12, 9, 15, 11, 13])
 
 
