@@ -63,6 +63,7 @@ def test_two_files_in_one_folder_and_texts_that_are_no_json_are_refused(folder):
         (folder / "2" / "meta.json").write_text(text)
         with pytest.raises(DataError, match=said):
             rpil.read(folder)
+    assert rpil.open(folder, skip_bad=True).left_out == ("Skipped, because damaged: 2.",)
     (folder / "2" / "meta.json").write_text(json.dumps({"instruction": "put"}))
     shutil.copyfile(folder / "0" / "trajectory.npz", folder / "0" / "other.npz")
     with pytest.raises(DataError, match="another file here is of the same demonstration by its name; move one"):

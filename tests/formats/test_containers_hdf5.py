@@ -126,6 +126,17 @@ def test_facts_are_numbers_or_short_texts(tmp_path, first, other, found):
         assert [value for _, value in rpil.open(path, operator="fact").operators] == [*found, found[1]]
 
 
+def test_demonstrations_that_differ_from_the_first_are_skipped_if_asked(tmp_path):
+    path = robomimic(tmp_path / "lift.hdf5")
+    with h5py.File(path, "r+") as file:
+        del file["data/demo_2/obs/gripper"]
+        file["data/demo_2/obs/gripper"] = np.ones((3, 2))
+    with refused(r"'demo_2': 'obs/gripper' has the shape \(3, 2\) .*; write it again, or read with skip_bad=True"):
+        rpil.read(path)
+    recording = rpil.open(path, skip_bad=True)
+    assert (recording.left_out, recording.ids) == (("Skipped, because damaged: demo_2.",), ("demo_0", "demo_10"))
+
+
 def test_a_demonstration_is_as_long_as_the_longest_actions_that_are_named(tmp_path):
     path = robomimic(tmp_path / "lift.hdf5")
     with h5py.File(path, "r+") as file:

@@ -85,7 +85,7 @@ def read(path: Path, options: ColumnOptions) -> StepTables:
     parts = [part for part, _ in found.values()]
     kind = "HDF5" if next(iter(files.values())).suffix.lower() in _HDF5 else "NPZ"
     tables = from_parts(parts, _FILE_NAME, path.name, f"{kind}, a file for each demonstration", options, notes=notes)
-    return replace(tables, skipped=tuple(files[name].name for name in damaged))
+    return replace(tables, skipped=(*(files[name].name for name in damaged), *tables.skipped))
 
 
 def _files(path: Path) -> dict[str, Path]:

@@ -157,10 +157,7 @@ class _FileArray:
 
 
 def keep_groups(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> None:
-    """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others.
-
-    An `OSError` with its number if the system fails to write it.
-    """
+    """Write the demonstrations called `ids`, and all else of the file, to a new one; filter keys name no others."""
     import h5py
 
     source, arrays = open_hdf5(path, options)

@@ -6,20 +6,20 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from rpil.data.arrays import LONGEST_TEXT, Id, check_any
-from rpil.data.errors import DataError
+from rpil.data.errors import DamagedError
 from rpil.data.memory import BYTES_PER_NUMBER, check_memory
 from rpil.formats import table as flat
 from rpil.formats.column_search import find_columns
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.format import Metadata, StepTables
-from rpil.formats.scan import commas
+from rpil.formats.scan import commas, without_damaged
 from rpil.formats.table import BATCH_ROWS, Kind
 from rpil.numerics.types import Array
 
@@ -118,20 +118,14 @@ def from_parts(
     told = {m: NO_STEPS if first.fact(m) is None else OF_WHOLE for m in without}
     columns = replace(columns, ignored={**columns.ignored, **told, **dict.fromkeys(more, NOT_IN_FIRST)})
     others = {*columns.all} - {*columns.actions, *columns.observations}
-    facts = {m: [part.fact(m) for part in parts] for m in others if first.fact(m) is not None}
-    whole = {m: np.array(own).tolist() for m, own in facts.items() if None not in own}
-    steps = [name for name in columns.stored if name not in whole]
-    for part in sorted(parts, key=lambda part: all(name in part.arrays or name in part.about for name in steps)):
-        place = f"{source}, demonstration {part.about[id_column]!r}" if id_column in part.about else source
-        for name, array in ((name, part.arrays.get(name)) for name in steps):
-            if array is None:
-                has = f"one {name!r}, and not every other has" if name in part.about else f"no {name!r}, as others have"
-                raise DataError(f"{place}: it has {has}; leave it out, or leave {name!r} out.")
-            is_other = name in first.arrays and array.shape[1:] != first.arrays[name].shape[1:]
-            if is_other or part.kind(name) == "nested":
-                has = f"the shape {array.shape} and the type {array.dtype} for {part.n_steps:,} actions"
-                raise DataError(f"{place}: {name!r} has {has}, not one row of as many numbers for each; leave it out.")
-    parts = [replace(part, about={m: own[k] for m, own in whole.items()}) for k, part in enumerate(parts)]
+    facts = [m for m in others if first.fact(m) is not None]
+    steps = [name for name in columns.stored if name not in facts]
+    named = {str(part.about.get(id_column, k)): part for k, part in enumerate(parts)}
+    places = {m: f"{source}, demonstration {m!r}" if id_column in part.about else source for m, part in named.items()}
+    check = partial(_check, first, steps, facts)
+    sound, skipped = without_damaged(named, lambda m: check(named[m], places[m]), options.skip_bad)
+    whole = {name: np.array([part.fact(name) for part in sound.values()]).tolist() for name in facts}
+    parts = [replace(part, about={m: own[k] for m, own in whole.items()}) for k, part in enumerate(sound.values())]
     if not options.on_disk:
         arrays = [part.arrays[name] for part in parts for name in columns.stored if name in part.arrays]
         n_bytes = sum(max(BYTES_PER_NUMBER, one.dtype.itemsize) * math.prod(one.shape) for one in arrays)
@@ -148,7 +142,23 @@ def from_parts(
 
     if longer := [name for name in steps if any(part.arrays[name].shape[0] > part.n_steps for part in parts)]:
         notes = (*notes, f"The last value of {commas(longer)}, which comes after the last action, is left out.")
-    return StepTables(map(table_of, _batches(parts)), columns, source, format_name, metadata=metadata, notes=notes)
+    tables = map(table_of, _batches(parts))
+    return StepTables(tables, columns, source, format_name, {}, metadata, notes, skipped=(*skipped,))
+
+
+def _check(first: Part, steps: Sequence[str], facts: Sequence[str], part: Part, place: str) -> Part:
+    """The part; a `DamagedError` where it lacks a column, or has one of another shape than the `first` part."""
+    for name in (*steps, *facts):
+        array: Any = part.arrays.get(name)
+        if (part.fact(name) if name in facts else array) is None:
+            remedy = f"read with --skip-bad, or leave {name!r} out"
+            raise DamagedError(f"{place}: it has no {name!r}, as others have; {remedy}.")
+        is_other = name in steps and name in first.arrays and array.shape[1:] != first.arrays[name].shape[1:]
+        if is_other or (name in steps and part.kind(name) == "nested"):
+            has = f"the shape {array.shape} and the type {array.dtype} for {part.n_steps:,} actions"
+            said = f"{name!r} has {has}, not one row of as many numbers for each"
+            raise DamagedError(f"{place}: {said}; write it again, or read with --skip-bad.")
+    return part
 
 
 def is_value(dtype: np.dtype[Any]) -> bool:
