@@ -17,8 +17,7 @@ def write(path, values):
     return path
 
 
-def test_each_file_of_a_folder_is_a_demonstration(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_each_file_of_a_folder_is_a_demonstration(tmp_path):
     (tmp_path / "runs" / "meta").mkdir(parents=True)
     for m in (0, 1, 10):
         rows = [{"x": 0.3 * k, "action": (k + m) % 4 / 7} for k in range(4 + m)]
@@ -41,15 +40,22 @@ def test_each_file_of_a_folder_is_a_demonstration(tmp_path, monkeypatch):
     refused("keep writes no folder of JSON lines; write the list with -o ids.json, or a", "keep", "runs", "-o", "new")
 
 
-def test_records_that_donkeycar_marks_as_deleted_are_left_out(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    rows = [{"_index": k, "_session_id": f"s{k // 10}", "enc/speed": k % 7, "user/angle": k / 9} for k in range(30)]
+def test_records_that_donkeycar_marks_as_deleted_are_left_out(tmp_path):
+    rows = [
+        {"_index": k, "_session_id": f"s{k // 10}", "cam": f"{k}.jpg", "speed": k % 7, "user/angle": k / 9}
+        for k in range(30)
+    ]
     for m in (0, 1):
         write(tmp_path / f"catalog_{m}.catalog", rows[15 * m : 15 * m + 15])
     write(tmp_path / "manifest.json", manifest := [["user/angle"], ["float"], {}, {}, {"deleted_indexes": [3, 4, 29]}])
     assert (recording := rpil.open(tmp_path)).description.format == "JSON lines, 2 files, without 3 deleted records"
     assert recording.demonstrations.actions[:, 0].tolist() == [k / 9 for k in range(30) if k not in (3, 4, 29)]
     assert [recording.steps.place_of(k, 0).split()[-1] for k in (4, 26)] == ["7", "14"], "lines of the files"
+    for k in {*range(29)} - {3, 7}:  # of records 3, 4 and 29, which are deleted, two have no image
+        (tmp_path / f"{k}.jpg").write_bytes(b"x")
+    assert [one.sentence[:54] for one in find_defects(tmp_path)] == [
+        "1 of the 27 files that it names are not there: row 7, "
+    ]
     rpil.open(tmp_path / "catalog_0.catalog").keep(["s0"], tmp_path / "kept.catalog")
     assert (tmp_path / "kept.catalog").read_text().count("\n") == 8
     write(tmp_path / "manifest.json", manifest[:4])
@@ -70,8 +76,7 @@ STEP = '{"episode": 0, "x": 1, "action": 2}\n'
         STEP.replace("\n", "\r") * 3,
     ],
 )
-def test_a_line_that_holds_no_object_or_several_is_refused(text, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # in which no file changes
+def test_a_line_that_holds_no_object_or_several_is_refused(text, tmp_path):
     (tmp_path / "a.jsonl").write_bytes(text.encode())
     with pytest.raises(DataError, match=r"^a\.jsonl[:,] .*\.$"):
         rpil.read(tmp_path / "a.jsonl")
@@ -89,6 +94,15 @@ def test_a_return_within_an_object_ends_no_line(end, blank, tmp_path):
     ok("keep", tmp_path / "a.jsonl", "-o", tmp_path / "b.jsonl", "--verdicts", tmp_path / "labels.csv")
     assert (tmp_path / "b.jsonl").read_bytes() == b"".join(line + end for line in lines[5:])
     assert rpil.open(tmp_path / "b.jsonl").description.format == "JSON lines"
+
+
+def test_an_observation_without_values_is_no_column_and_a_missing_flag_is_a_missing_value(tmp_path):
+    seen = [{"x": k % 4 / 7, "on": None if k == 7 else k % 3 > 0, "image": None} for k in range(40)]
+    rows = [{"episode": k // 5, "action": k % 3 / 7, "observation": one} for k, one in enumerate(seen)]
+    recording = rpil.open(write(tmp_path / "a.jsonl", rows), skip_bad=True)
+    assert (recording.description.ignored, recording.set_aside) == ({"observation.image": "no values"}, (1,))
+    assert recording.demonstrations.observations[:3, 1].tolist() == [0, 1, 1]
+    assert "1: on is nan at step 2" in str(rpil.check(tmp_path / "a.jsonl")).replace("missing values: ", "")
 
 
 EMPTY = "3 of the 12 files that it names are empty: rows 3-5, 3.jpg to 5.jpg; leave these steps out"

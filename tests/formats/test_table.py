@@ -144,8 +144,14 @@ def test_repeated_columns(path):
     [
         ({"obs_x": [[1.0, 2.0], [1.0], [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x.0' has no value"),
         ({"obs_x": [[1.0, 2.0], None, [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x.0' has no value"),
-        ({"obs_x": pa.array([[], [], []], pa.list_(pa.float64())), "obs_y": None}, "'obs_x' holds no lists of numbers"),
-        ({"obs_x": [[[1.0]], [[1.0]], [[1.0]]], "obs_y": None}, "'obs_x' holds no lists of numbers.* pass the rows to"),
+        (
+            {"obs_x": pa.array([[], [], []], pa.list_(pa.float64())), "obs_y": None},
+            "'obs_x' .nested.*; nested ones are no numbers",
+        ),
+        (
+            {"obs_x": [[[1.0]], [[1.0]], [[1.0]]], "obs_y": None},
+            "no column holds observations: .* .nested.*; nested ones are no numbers: .* pass the rows to",
+        ),
         ({"episode_index": [1.0, np.nan, 1.0]}, "fill in the missing"),
         ({"episode_index": [[1], [2], [3]]}, "no column says which demonstration"),
     ],

@@ -32,8 +32,8 @@ _REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
     ("text", "text"),
     ("nested", "images or nested values"),
     *spellings.NOT_SEEN,
-    (spellings.OBSERVATION, ""),
     ("empty", "no values"),
+    (spellings.OBSERVATION, ""),
     (spellings.ROW_INDEX, "number of the row"),
     ("time", TIME_OF_STEP),
     *((pattern, TIME_OF_STEP) for pattern in spellings.ORDER_COLUMNS),
@@ -185,11 +185,6 @@ class _Search:
                 self.ignored.setdefault(name, why)
         free = [name for name in self.free if name not in self.ignored]
         if not free:
-            observed = (name for name in self.names if spellings.OBSERVATION.fullmatch(self.plain[name]))
-            if nested := [name for name in observed if self.kinds[name] == "nested"]:
-                fault = f"column {nested[0]!r} holds no lists of numbers; write numbers, one row for each step"
-                remedy = "if each row is a demonstration, pass the rows to rpil.read in Python"
-                raise DataError(f"{self.source}: {fault}; {remedy}.")
             raise self.no_column("holds observations: name them observation.*, or name the columns", "observations")
         named = [name for name in free if spellings.OBSERVATION.fullmatch(self.plain[name])]
         if not named:
@@ -252,4 +247,6 @@ class _Search:
         shown = [(quoted([name]), kind) for name, kind in [*owners.items()][:12]]
         listed = ", ".join(f"{name} ({kind})" if kind in ("nested", "text", "empty") else name for name, kind in shown)
         listed += ", ..." * (len(owners) > 12)
+        if "nested" in owners.values():
+            more += "; nested ones are no numbers: if each row is a demonstration, pass the rows to rpil.read in Python"
         return DataError(f"{self.source}: no column {what} with --{option} (found {listed}){more}.")

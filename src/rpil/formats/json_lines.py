@@ -96,6 +96,7 @@ _FOLDERS = ("", "images", "IMG", "img")  # where recorders put them beside their
 def find_defects(path: Path) -> Iterator[Defect]:
     """Rows, from 0, of files that are empty, or missing beside others; no link is followed, nor a path that leaves."""
     tables = without_damaged(map(str, _files(path)), lambda name: _parsed(Path(name)))[0]
+    is_left = np.concatenate([_are_left(Path(name), one) for name, one in tables.items()])
     table, folder = flat.end_to_end([*tables.values()], path.name), path if path.is_dir() else path.parent
     for name in [one.name for one in table.schema if str(one.type).endswith("string")]:
         texts = [PurePosixPath(str(text or "").strip().replace("\\", "/")) for text in table[name].to_pylist()]
@@ -108,9 +109,9 @@ def find_defects(path: Path) -> Iterator[Defect]:
                 sizes |= {file.name: file.lstat().st_size for file in place.iterdir() if file.is_file()}
         rows = [sizes.get(text.name) for text in texts]
         for size, what in ((0, "empty"), (None, "not there")):
-            if any(rows) and (wrong := [row for row, own in enumerate(rows) if own == size]):
+            if any(rows) and (wrong := [row for row in np.flatnonzero(is_left).tolist() if rows[row] == size]):
                 where = f"{parts_in_words(wrong, 'row', [])}, {texts[wrong[0]].name} to {texts[wrong[-1]].name}"
-                said = f"{len(wrong):,} of the {len(texts):,} files that it names are {what}: {where}"
+                said = f"{len(wrong):,} of the {is_left.sum():,} files that it names are {what}: {where}"
                 yield Defect("named files", name, f"{said}; leave these steps out")
 
 

@@ -143,15 +143,15 @@ def is_number(text: str, decimal: str = ".") -> bool:
 
 
 def column_values(table: pa.Table, name: str, at: Place, allows_missing: bool = False) -> Array:
-    """One column as (N,) numbers or text.
-
-    A `DataError` on missing values, unless they are allowed as NaN, or values of another type.
-    """
+    """One column as (N,) numbers or text; a `DataError` on values of another type, and on missing ones, unless they are
+    allowed as NaN."""
     column = table[name]
     is_text = kind_of_type(column.type) == "text"
     if pa.types.is_dictionary(column.type) and not is_text:
         column = column.cast(column.type.value_type)
-    if column.null_count and not (pa.types.is_floating(column.type) and allows_missing):
+    if column.null_count and allows_missing and (numbers := numbers_or_missing(column)) is not None:
+        return numbers
+    if column.null_count:
         row = pc.index(pc.is_null(column), True).as_py()
         raise DataError(f"{at(row)}: column {name!r} has no value; fill it in, or read with --exclude or --skip-bad.")
     if _is_numeric(column.type):
@@ -173,10 +173,8 @@ def encoded(column: pa.ChunkedArray) -> tuple[list[Any], Array]:
 
 
 def encoded_texts(column: pa.ChunkedArray, name: str, at: Place) -> tuple[list[str], Array]:
-    """The different texts in a column, and the number (N,) of that of each row: a long text is in memory once.
-
-    A `DataError` where a text is missing, too long or not Unicode.
-    """
+    """The different texts in a column, and the number (N,) of that of each row: a long text is in memory once. A
+    `DataError` where a text is missing, too long or not Unicode."""
     try:
         texts, rows = encoded(column)
     except UnicodeDecodeError as error:

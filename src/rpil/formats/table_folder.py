@@ -72,10 +72,8 @@ def has_tables(path: StrPath) -> bool:
 
 
 def find_files(path: StrPath) -> tuple[list[Path], list[Path]]:
-    """The Parquet files and the text tables of a data set in the order of their names; none of them is opened.
-
-    A `DataError` where in `path` is a folder of LeRobot.
-    """
+    """The Parquet files and the text tables of a data set in the order of their names; none of them is opened. A
+    `DataError` where in `path` is a folder of LeRobot."""
     top = Path(os.path.abspath(path))
     for inner in (*top.glob("*/meta/info.json"), *top.glob("*/*/meta/info.json")):
         raise DataError(f"{path}: in it is a folder of LeRobot, which is read alone; give {inner.parents[1]}.")
