@@ -70,7 +70,7 @@ def test_every_column_has_a_role_or_a_reason():
         ({"order": "*"}, "'\\*' names 'episode', 'x', 'v', 'action'; name one column with order="),
         ({"outcome": "x,v"}, "'x,v' names 'x', 'v'; name one column with outcome="),
         ({"id": ["episode", "run"]}, r"id= is \['episode', 'run'\]; give one name, as text"),
-        ({"id": 0}, "id= is 0; give one name, as text"),
+        ({"id": [*range(99)]}, r"id= is \[0, 1, 2.*, 1; give one name, as text"),
         ({"operator": Path("who.csv")}, r"operator= is PosixPath\('who.csv'\); give one name, as text"),
         ({"exclude": ["x", "v"]}, "no column holds observations: name them observation.*"),
         ({"action": "v", "observations": "x,v"}, "'v' is part of the action already; take it out of observations="),

@@ -155,8 +155,13 @@ REFUSED = {
     ),
     "quoted": (
         "run,x,turn\n" + 9 * '1,"0,5","1,5"\n',
-        r"no column holds the action: .*; column 'x' has decimal commas; w",
+        "no column holds the action: .*; column 'x' has decimal commas; w",
     ),
+    "a quoted action": (
+        "run,x,action\n" + 9 * '1,.5,"1,5"\n',
+        "a.csv: column 'action' has decimal commas; write points",
+    ),
+    "empty lines": ("\n\n", "a.csv: the file is empty; write it again, or read its folder with skip_bad=True"),
     "no id": (
         text({"versuch": RUN, "x": X[:, 0], "turn": TURN}),
         "no column says which demonstration .*'versuch', 'x'.*; no column holds the action either: .* with action=",

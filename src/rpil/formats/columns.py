@@ -92,7 +92,7 @@ class ColumnOptions:
             parse_size(self.memory)  # an error where it is none
         for option in ("id", "order", "operator", "task", "session"):
             if not isinstance(name := getattr(self, option), str | None):
-                raise DataError(f"--{option} is {name!r}; give one name, as text.")
+                raise DataError(f"--{option} is {' '.join(repr(name).split()):.60}; give one name, as text.")
         for option, seconds in (("--split-gap", self.split_gap), ("--segment", self.segment)):
             if seconds is not None and not 0 < seconds < float("inf"):
                 raise DataError(f"{option} is {seconds}; give a number of seconds, more than 0.")

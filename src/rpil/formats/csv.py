@@ -87,8 +87,9 @@ def find_dialect(path: Path, options: ColumnOptions) -> TextTable:
     check_memory(0 if options.on_disk else MEMORY_PER_BYTE * path.stat().st_size, path.name, options.memory)
     with guarded(path.name, *_FAULT), path.open("rb") as stream:
         lines = codecs.getincrementaldecoder("utf-8-sig")().decode(stream.read(_CHUNK)).splitlines()[:_HEAD_LINES]
-    if "\0" in "".join(lines[:1]) or not any(line.strip() for line in lines):
-        raise DamagedError(f"{path.name}: {_FAULT[0]}; {_FAULT[1]}.")
+    if (is_empty := not any(map(str.strip, lines))) or "\0" in lines[0]:
+        fault = ("the file is empty", "write it again, or read its folder with --skip-bad") if is_empty else _FAULT
+        raise DamagedError(f"{path.name}: {'; '.join(fault)}.")
     start = next((k for k, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)), len(lines) - 1)
     header = _QUOTED.sub("", lines[start])
     if header.count('"') % 2:
@@ -156,13 +157,16 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
     signs = "." if file.separator == "," else ",", ","
     kinds, by_comma = (flat.kinds_of(first.slice(0, flat.HEAD_ROWS), sign) for sign in signs)
     wrong = [name for name, kind in kinds.items() if kind != by_comma[name]]
+    fault = "column {} has decimal commas; write points, or semicolons between columns."
     try:
-        return find_columns(kinds, file.path.name, options, default_id)
+        columns = find_columns(kinds, file.path.name, options, default_id)
     except DataError as error:
         if not wrong:
             raise
-        said = f"column {quoted(wrong[:1])} has decimal commas; write points, or semicolons between columns"
-        raise DataError(f"{error.in_shell[:-1]}; {said}.") from error
+        raise DataError(f"{error.in_shell[:-1]}; {fault.format(quoted(wrong[:1]))}") from error
+    if acted := [name for name in wrong if name in columns.actions and options.action_kind != "discrete"]:
+        raise DataError(f"{file.path.name}: {fault.format(quoted(acted[:1]))}")
+    return columns
 
 
 class _OtherTypeError(DataError):

@@ -50,10 +50,7 @@ def opened(path: StrPath) -> Iterator[pq.ParquetFile]:
 
 
 def read_table(path: StrPath, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read the columns that are there, by default all; a `DataError` where they do not fit in memory.
-
-    Errors of pyarrow are left as they are.
-    """
+    """Read the columns that are there, by default all; a `DataError` where they do not fit in memory."""
     name = Path(path).name
     with pa.OSFile(str(path)) as stream, pq.ParquetFile(stream) as file:
         names = file.schema_arrow.names

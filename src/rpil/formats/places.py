@@ -23,7 +23,7 @@ from rpil.formats.table import BATCH_ROWS, Place
 from rpil.numerics.types import Array, Float, Int
 
 _WHOLE_NUMBER = re.compile(r"0|-?[1-9]\d{0,18}")
-_FILE_ORDER = "steps in the order of the file"
+_FILE_ORDER, _NEEDED = "steps in the order of the file", "needs a number or time in every row, as 2026-11-30 14:00:05"
 
 MAX_NAMES = 20
 """Tasks and operators of a description, at most."""
@@ -108,7 +108,7 @@ def _find_order(steps: Steps, columns: Columns, group: Array, at: Place) -> tupl
                 row = int(rows[twice[0] + 1])
                 raise DataError(f"{at(row)}: order column {name!r} repeats a value; name another, or leave it out.")
         if columns.options.order:
-            raise DataError(f"{at(0)}: order column {name!r} needs a number or time in every row; name another.")
+            raise DataError(f"{at(0)}: order column {name!r} {_NEEDED}; name another.")
         fault = fault or f"{_FILE_ORDER}, because {name} has {said}"
     return None, fault or _FILE_ORDER, None
 
@@ -181,10 +181,7 @@ def shorter(
 
 
 def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
-    """The facts about the M demonstrations.
-
-    A `DataError` where the column of the session or of the outcome, which the user names, cannot be one.
-    """
+    """The facts about the M demonstrations; a `DataError` where a column that the user names cannot be one."""
     table = steps.read(columns.facts)
     files, order = steps.files(steps.offsets[:-1]), None
     are_numbers = plain_name(columns.episode) == EPISODE[0] and isinstance(steps.ids[0], int)

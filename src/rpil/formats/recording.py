@@ -160,10 +160,8 @@ class Recording:
 
 
 def from_tables(found: StepTables, options: ColumnOptions = ColumnOptions()) -> Recording:
-    """The recording of the demonstrations in tables that the options choose.
-
-    A `DataError` where a demonstration that is to be chosen is unknown, or none is left.
-    """
+    """The recording of the demonstrations in tables that the options choose; a `DataError` where these name an unknown
+    one, or leave none."""
     source, table, columns = found.source, found.tables, replace(found.columns, options=options)
     if not isinstance(table, ArrowFile):
         n_rows = sum(found.sizes.values())

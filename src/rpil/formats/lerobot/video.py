@@ -46,10 +46,8 @@ def load_av() -> ModuleType:
 
 
 def frame_times(path: Path) -> Array:
-    """Seconds at which the F frames of a video are shown, (F,), in the order of the file.
-
-    No frame is decoded. A `DataError` where it is no video, or a damaged one.
-    """
+    """Seconds at which the F frames of a video are shown, (F,), in the order of the file; none is decoded. A
+    `DataError` where it is no video, or a damaged one."""
     with _opened(path) as source:
         stream = source.streams.video[0]
         shown = np.array([packet.pts for packet in source.demux(stream) if packet.size], dtype=np.int64)
