@@ -62,7 +62,7 @@ def test_errors_are_one_sentence(model, given, words):
 def test_outcomes_are_files_with_their_names_or_numbers(tmp_path):
     path, numbers = tmp_path / "grade.csv", [float(m) for m in range(12)]
     path.write_text("id,value\n" + "".join(f"d{m},{m}\n" for m in range(12)))
-    for given, name in ((str(path), "grade"), ([str(path)], "grade"), (numbers, "outcome"), (np.arange(12), "outcome")):
+    for given, name in ((str(path), "grade"), ([path], "grade"), (numbers, "outcome"), (np.arange(12), "outcome")):
         known = answers_of(None, given, TOY.demonstrations)
         assert (known.names, known.outcomes[:, 0].tolist()) == ((name,), numbers)
 

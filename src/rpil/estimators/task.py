@@ -44,7 +44,6 @@ def answers_of(
     """The answers of a user about demonstrations, from words and outcomes by id, or from files of them, but for those
     about others of the `ids`, which were not read. A `DataError` names an unknown id or word."""
     read, every = demonstrations.ids, ids or demonstrations.ids
-    outcome = os.fspath(outcome) if isinstance(outcome, os.PathLike) else outcome
     is_file = isinstance(labels, str | os.PathLike)
     source, named = (str(labels), Path(str(labels)).name) if is_file else (demonstrations.source, "the labels")
     rows = id_values.read_answer_rows(cast(StrPath, labels)) if is_file else id_values.label_rows(labels)
@@ -54,13 +53,10 @@ def answers_of(
     chosen = {*map(str, read)}
     better, tied = id_values.match_pairs(((pair, word) for pair, word in pairs.items() if chosen >= {*pair}), read)
     signs = id_values.label_signs(by_id, read)
-    given: dict[str, Outcome | str] = {}
-    if outcome is not None and are_names(outcome):
-        paths = [outcome] if isinstance(outcome, str) else [*cast("Sequence[str]", outcome)]
-        stems = [Path(path).stem for path in paths]
-        given = {stem if stems.count(stem) == 1 else path: path for stem, path in zip(stems, paths, strict=True)}
-    elif outcome is not None:
-        given = {"outcome": cast(Outcome, outcome)}
+    paths = names_of(outcome)
+    stems = [Path(path).stem for path in paths]
+    given: dict[str, Outcome | str] = {} if paths or outcome is None else {"outcome": cast(Outcome, outcome)}
+    given |= {stem if stems.count(stem) == 1 else path: path for stem, path in zip(stems, paths, strict=True)}
     outcomes = [fit_data.given_outcome(one, read, demonstrations.source, every) for one in given.values()]
     known = np.column_stack([np.empty((len(read), 0)), *outcomes])
     answers = Answers(signs, better, known, tied, tuple(given), marks=marks)
@@ -69,9 +65,11 @@ def answers_of(
     return answers
 
 
-def are_names(outcome: Outcome | Names) -> bool:
-    """Whether outcomes are columns or files, and no numbers."""
-    return isinstance(outcome, str) or (isinstance(outcome, list | tuple) and {*map(type, outcome)} == {str})
+def names_of(outcome: object) -> tuple[str, ...]:
+    """The outcomes that are columns or files; none where they are numbers."""
+    given = outcome if isinstance(outcome, list | tuple) else [outcome]
+    paths = [os.fspath(one) for one in given if isinstance(one, str | os.PathLike)]
+    return tuple(paths) if len(paths) == len(given) else ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import os
 import warnings
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Unpack, cast
+from typing import Unpack
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -20,7 +20,7 @@ from rpil.data.errors import DataError
 from rpil.data.files import StrPath
 from rpil.data.fit_data import DemonstratorNames, Outcome
 from rpil.estimators.pipeline import FitOptions, FitResult, Settings, fit_full, fit_sampled
-from rpil.estimators.task import Labels, Task, answers_of, are_names, with_reference
+from rpil.estimators.task import Labels, Task, answers_of, names_of, with_reference
 from rpil.formats import ReadOptions, opened, read_demonstrators
 from rpil.formats.columns import ColumnOptions, Names, check_options
 from rpil.formats.format import Dataset, Frame
@@ -292,8 +292,7 @@ def audit(
     """
     check_options(columns)
     outcome = os.fspath(outcome) if isinstance(outcome, os.PathLike) else outcome
-    named = cast(Names, outcome) if outcome is not None and are_names(outcome) else ()
-    options = replace(ColumnOptions(**columns), outcome=named)
+    options = replace(ColumnOptions(**columns), outcome=names_of(outcome))
     recording = opened(data, options)
     operator = options.operator if options.operator in options.files else None
     stated = Statements.of(recording, labels, operator, None if options.outcomes else outcome)
