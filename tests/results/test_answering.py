@@ -27,7 +27,9 @@ def audit() -> Audit:
     return found
 
 
-@pytest.mark.parametrize(("labels", "pairs"), [({}, [("d0", "d9"), ("d3", "d8")]), ({"d2": "good"}, [("d5", "d9")])])
+@pytest.mark.parametrize(
+    ("labels", "pairs"), [({}, np.array([["d0", "d9"], ["d3", "d8"]])), ({"d2": "good"}, [("d5", "d9")])]
+)
 def test_answers_to_an_audit_are_those_of_a_fit(audit, labels, pairs):
     later = audit.answered(labels, pairs)
     words = {**labels, **{better: f"better than {worse}" for better, worse in pairs}}
@@ -63,6 +65,9 @@ def test_ties_of_an_audit_are_those_of_a_fit(audit):
         assert same.answers.tied.tolist() == [[0, 9]]
     with pytest.raises(DataError, match="'d9' and 'd0': two answers contradict each other; keep one answer"):
         later.answered(pairs=[("d9", "d0")])
+    for wrong in (("d0", "d9"), {"d0": "better than"}, {("d0", "d9"): "better"}, [("d0", "d9", "d8")]):
+        with pytest.raises(DataError, match="the pairs must be two ids each, the better one first, as"):
+            audit.answered(pairs=wrong)
     with pytest.raises(DataError, match="A named adversary learns from labels alone"):
         RPIL(adversary="uniform").fit(TOY.demonstrations, labels=words[:1])
 

@@ -78,10 +78,8 @@ def check_ids(names: Iterable[object], ids: Iterable[object], source: str, what:
 
 
 def read_answer_rows(path: StrPath) -> list[AnswerRow]:
-    """The answers of a CSV file with the columns ``id`` and ``label``, and maybe note, start and end.
-
-    A `DataError` where there are none, or the file is no such one.
-    """
+    """The answers of a CSV file with the columns ``id`` and ``label``, and maybe note, start and end; a `DataError`
+    where there are none, or the file is no such one."""
     rows = read_id_pairs(path, "label", AnswerRow._fields[2:])
     if not rows:
         raise DataError(f"{Path(path).name}: it labels no demonstration; give at least one id and label.")
@@ -138,10 +136,12 @@ def parse_answers(rows: Sequence[AnswerRow], source: str) -> tuple[dict[str, Lab
 
 def label_rows(labels: object) -> list[AnswerRow]:
     """The answers of a mapping, a series or pairs, of ids, or of an id, a start and an end, and words."""
-    given = () if labels is None else labels.items() if hasattr(labels, "items") else labels
+    given = () if labels is None else labels
+    if hasattr(given, "items") and not hasattr(given, "columns"):  # which a frame has
+        given = given.items()
     rows: list[Any] = list(given) if isinstance(given, Iterable) else [given]
     if not all(isinstance(row, tuple | list) and len(row) == 2 for row in rows):
-        raise DataError("the labels must be a mapping of ids to words, or pairs of an id and a word.")
+        raise DataError("the labels must be a mapping or series of ids to words, or pairs of an id and a word.")
     named = ((m if isinstance(m, tuple) and len(m) == 3 else (m, "", ""), word) for m, word in rows)
     return [AnswerRow(str(m), word, "", start, end) for (m, start, end), word in named]
 

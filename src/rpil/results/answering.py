@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, compress
-from typing import TypeVar
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 from scipy.special import expit
@@ -122,8 +122,12 @@ def merged(audit: Judged, labels: Mapping[Id, str] | None, pairs: Collection[tup
     signs = np.where(new == 0, known.labels, new)
     old: list[tuple[Relation, Array]] = [("better than", known.pairs), ("same as", known.tied)]
     before = [((audit.ids[a], audit.ids[b]), relation) for relation, of_it in old for a, b in of_it.tolist()]
-    given = pairs if isinstance(pairs, Mapping) else dict.fromkeys(pairs, "better than")
-    compared, tied = match_pairs([*before, *more.items(), *given.items()], audit.ids)
+    told = [*pairs.items()] if isinstance(pairs, Mapping) else [(pair, "better than") for pair in pairs]
+    given: list[Any] = [([*pair] if isinstance(pair, tuple | list | np.ndarray) else [], word) for pair, word in told]
+    if not all(len(pair) == 2 and word in get_args(Relation) for pair, word in given):
+        way = "the better one first, as [(3, 8)], or a mapping of these to 'better than' or 'same as'"
+        raise DataError(f"the pairs must be two ids each, {way}.")
+    compared, tied = match_pairs([*before, *more.items(), *given], audit.ids)
     return replace(known, labels=signs, pairs=compared, tied=tied, heard=None, marks=marks)
 
 
@@ -210,12 +214,7 @@ def n_first(n_demonstrations: int) -> int:
 
 def suggest_labels(audit: Judged, k: int = 3) -> tuple[Hashable, ...]:
     """Ids of up to `k` demonstrations without a label whose labels would say most, the best first; none is a copy of
-    one that is labelled, or of another one among them. See `rpil.inference.answered.places_to_ask`.
-
-    Raises
-    ------
-    DataError
-        If `k` is not positive.
+    one that is labelled, or of another one among them. A `DataError` if `k` is not positive.
     """
     if k < 1:
         raise DataError(f"k={k!r} labels cannot be suggested; ask for one at least.")
