@@ -132,7 +132,7 @@ def changed(array, row, column, value):
         ({"observations": X.astype(complex)}, "not complex128"),
         ({"observations": {"position": X}}, "rectangular"),
         ({"actions": np.array(["a", 1, "b", "c", "d"], dtype=object)}, "mix text with numbers"),
-        ({"actions": np.zeros((5, 2), dtype=int)}, "number the combinations"),
+        ({"actions": np.zeros((5, 2), dtype=int)}, "combinations, as numpy.unique.actions, axis=0"),
         ({"actions": np.ones((5, 2, 2))}, "neither .N,. discrete nor .N, A. floats"),
         ({"actions": np.full(5, 2**63, dtype=np.uint64)}, "renumber"),
         ({"actions": ["a", "a\0", "b", "b", "b"]}, "actions hold the character NUL"),

@@ -105,7 +105,8 @@ def as_actions(values: object, where: str, wanted: ActionKind = "auto") -> Array
     if array.ndim not in (1, 2) or (array.ndim == 2 and (kind != "f" or array.shape[1] == 0 or wanted == "discrete")):
         raise DataError(
             f"{where}: actions of shape {array.shape} and type {array.dtype} are neither (N,) discrete nor (N, A) "
-            "floats; number the combinations, name one part, or convert to float if they are continuous."
+            "floats; number the combinations, as numpy.unique(actions, axis=0, return_inverse=True)[1] does, name one "
+            "part, or convert to float if they are continuous."
         )
     if array.ndim == 1:
         whole = kind != "f" or are_whole(array)

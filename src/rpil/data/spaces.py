@@ -96,10 +96,8 @@ def action_space(data: DemonstrationSet) -> tuple[Space, Array]:
 
 
 def encode_actions(classes: Array, actions: Array, source: str) -> Array:
-    """Codes (N,) of discrete actions among `classes` (K,); continuous actions (N, A) as floats if there are no classes.
-
-    A `DataError` names an action that is not among the classes.
-    """
+    """Codes (N,) of discrete actions among `classes` (K,), or a `DataError` that names another; continuous actions (N,
+    A) as floats if there are no classes."""
     if not len(classes):
         return np.asarray(actions, dtype=float)
     if classes.dtype.kind in "iu" and actions.dtype.kind in "iu" and np.array_equal(classes, np.arange(len(classes))):

@@ -95,7 +95,7 @@ def as_demonstrations(
         estimator.n_features_in_ = X.n_observations
         return X
     given = np.asarray(y)
-    are_numbers = given.ndim == 2 and given.dtype.kind == "f"
+    are_numbers = given.ndim == 2 and (given.dtype.kind == "f" or given.shape[1] > 1)
     observations, actions = cast(tuple[Array, Array], validate_data(estimator, X, y, multi_output=are_numbers))
     if actions.ndim == 1 and actions.dtype.kind == "f" and not are_whole(actions):
         raise DataError("Unknown label type: continuous; give continuous actions as columns, (N, 1) where it is one.")
