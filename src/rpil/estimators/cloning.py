@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
@@ -89,7 +90,9 @@ def as_demonstrations(
 
     Every row is one only where the estimator has the parameter ``groups="rows"``; else a `DataError` without groups.
     """
-    if y is None and isinstance(X, Frame | Sequence | Iterator) and not isinstance(X, str):
+    if isinstance(X, str | os.PathLike):
+        raise DataError(f"{os.fspath(X)}: fit takes no path; give rpil.read(PATH), or RPIL rpil.open(PATH).")
+    if y is None and isinstance(X, Frame | Sequence | Iterator):
         X = read(X)
     if isinstance(X, Demonstrations):
         estimator.n_features_in_ = X.n_observations
