@@ -134,15 +134,13 @@ def test_observations_that_tell_demonstrations_apart_are_noted(tmp_path):
 
 
 REFUSED = {
-    "an action for each step": (
+    "texts": (
         text(BASE | {"action": [f"go {k}" for k in range(M * T)]}),
-        "the action takes 60 different texts in 60 steps, too many to compare; name a column of classes",
+        "60 different texts in 60 steps, .* name a column",
     ),
+    "units": ("x,id,action\nm,0,N\n" + "".join(f"1,0,{k / 7}\n" for k in range(60)), "text among numbers, as 'N'"),
     "a second head": (2 * text(BASE), r"line 62: it repeats the names of the columns, .*; correct it"),
-    "a quotation among the names": (
-        text(BASE).replace(",x,", ',"x,', 1),
-        "a quotation begins and does not end in .*, its names",
-    ),
+    "a quoted name": (text(BASE).replace(",x,", ',"x,', 1), "a quotation begins and does not end in .*, its names"),
     "no rows": ("episode,step,x,action\n", "it has no rows; write one for each step below the names of its columns"),
     "a word among decimal commas": (
         "episode;x;action\n" + 9 * "1;0,5;1,5\n" + "1;O,5;0,5\n",

@@ -144,20 +144,21 @@ def test_repeated_columns(path):
     [
         ({"obs_x": [[1.0, 2.0], [1.0], [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x.0' has no value"),
         ({"obs_x": [[1.0, 2.0], None, [1.0, 2.0]]}, "demonstration 1, row 2: column 'obs_x.0' has no value"),
-        (
-            {"obs_x": pa.array([[], [], []], pa.list_(pa.float64())), "obs_y": None},
-            "'obs_x' .nested.*; nested ones are no numbers",
-        ),
-        (
-            {"obs_x": [[[1.0]], [[1.0]], [[1.0]]], "obs_y": None},
-            "no column holds observations: .* .nested.*; nested ones are no numbers: .* pass the rows to",
-        ),
+        ({"obs_x": pa.array([[]] * 3, pa.list_(pa.float64())), "obs_y": None}, "'obs_x' .nested.*; nested ones are"),
+        ({"obs_x": [[[1.0]]] * 3, "obs_y": None}, "no column holds observations: .*; nested ones .* pass the rows to"),
+        ({"action": [[[1.0]]] * 3}, "no column holds the action: .*'action' .nested..; nested ones are no"),
         ({"episode_index": [1.0, np.nan, 1.0]}, "fill in the missing"),
         ({"episode_index": [[1], [2], [3]]}, "no column says which demonstration"),
     ],
 )
 def test_bad_parquet_tables(tmp_path, changes, match):
     refused_file(match, formats.read, write_table(tmp_path / "x.parquet", **columns(**changes)))
+
+
+def test_observations_that_are_nested_are_noted_where_other_columns_are_read(tmp_path):
+    path = write_table(tmp_path / "x.parquet", **columns(obs_x=[{"a": [1.0]}] * 3, obs_y=None, speed=[1.0, 2.0, 3.0]))
+    said = "No observation of obs_x is read, because of images or nested values; other columns are, instead."
+    assert formats.open(path).description.notes == (said,)
 
 
 def npz(path, **changes):

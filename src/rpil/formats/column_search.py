@@ -13,7 +13,7 @@ from rpil.data.errors import DataError
 from rpil.data.fit_data import FILE_SESSION
 from rpil.data.text import plain_name, quoted, short_name
 from rpil.formats.columns import LENGTH, STRETCH, TIME_OF_STEP, ColumnOptions, Columns, Names, by_column, check_names
-from rpil.formats.table import Kind
+from rpil.formats.table import NESTED, Kind
 
 *_EPISODE_WORDS, _ID_ALONE = spellings.EPISODE_COLUMNS
 _IDS: tuple[Kind, ...] = ("number", "text", "mixed", "time")
@@ -30,7 +30,7 @@ _ROLES: tuple[tuple[str, Sequence[re.Pattern[str]], tuple[Kind, ...]], ...] = (
 
 _REASONS: tuple[tuple[Kind | re.Pattern[str], str], ...] = (
     ("text", "text"),
-    ("nested", "images or nested values"),
+    ("nested", NESTED),
     *spellings.NOT_SEEN,
     ("empty", "no values"),
     (spellings.OBSERVATION, ""),

@@ -17,13 +17,13 @@ from rpil.data.errors import DataError, guarded
 from rpil.data.files import StrPath
 from rpil.data.fit_data import Facts
 from rpil.data.id_values import check_ids
-from rpil.data.text import counted
+from rpil.data.text import OBSERVATION, counted, plain_name
 from rpil.formats.columns import TIME_OF_STEP, ColumnOptions, Columns, Ids, by_column
 from rpil.formats.format import Dataset, Defect, Layout, StepTables
 from rpil.formats.places import Clock, Times, different, find_clock, find_facts, find_places, pairs_of
 from rpil.formats.scan import Description, Scan, commas, left_out_lines, scan
 from rpil.formats.steps import ArrowFile, Steps
-from rpil.formats.table import end_to_end, numbers_or_missing
+from rpil.formats.table import NESTED, end_to_end, numbers_or_missing
 from rpil.numerics.types import Array, Bool
 
 GOAL = re.compile(r"(^|[./])(desired_)?goal([./]|_\w{1,3}$|$)", re.IGNORECASE)
@@ -285,6 +285,9 @@ def _notes(
     goals = [m for m, why in columns.ignored.items() if GOAL.search(m) and why.startswith("not named as an")]
     if goals and not any(map(GOAL.search, columns.observations)):
         notes.append(f"No goal is read: --observations takes {commas(goals)}, with the names of all others.")
+    nested = [m for m, why in columns.ignored.items() if why == NESTED and OBSERVATION.fullmatch(plain_name(m))]
+    if nested and not any(OBSERVATION.fullmatch(plain_name(m)) for m in columns.observations):
+        notes.append(f"No observation of {commas(nested)} is read, because of {NESTED}; other columns are, instead.")
     if fps and recorded and abs(recorded - fps) > 0.01 * fps:
         notes.append(f"{fps:g} frames a second are declared, and count here; by the timestamps it is {recorded:.3g}.")
     if constant and len(steps.ids) < len(steps):

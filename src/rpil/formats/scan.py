@@ -16,7 +16,7 @@ import pyarrow as pa
 from rpil.data.arrays import MAX_CLASSES, action_kind, are_whole, as_actions
 from rpil.data.demonstrations import BLOCK_STEPS, shard_bounds
 from rpil.data.errors import DamagedError, DataError
-from rpil.data.text import counted, listed
+from rpil.data.text import counted, listed, quoted
 from rpil.formats import table as flat
 from rpil.formats.columns import TIME_OF_STEP, Columns
 from rpil.formats.format import Layout, value_type
@@ -131,8 +131,11 @@ class Scan:
         try:
             self.kind, self.reason = action_kind(n, len(steps), is_text, self._is_whole, wanted, steps.source)
         except DataError as error:
-            self.kind, self.reason = "refused", error.in_shell.removeprefix(f"{steps.source}: ").rstrip(".")
-            self.fault = self.fault or error
+            words = [one for one in self.classes.tolist() if is_text and not flat.is_number(one, ",")]
+            said = f"{steps.source}: the action is text among numbers, as {quoted(words[:1])}; write numbers."
+            fault = DataError(said) if 0 < 2 * len(words) < n else error
+            self.kind, self.reason = "refused", fault.in_shell.removeprefix(f"{steps.source}: ").rstrip(".")
+            self.fault = self.fault or fault
         if self.kind == "discrete":
             self.layout = replace(layout, action=self.classes.dtype)
         elif self.kind == "continuous":

@@ -26,7 +26,7 @@ Place = Callable[[int], str]
 BATCH_ROWS = 65_536
 """Maximum rows per batch."""
 
-WIDEST = 10_000  # numbers in a list that is no image
+WIDEST, NESTED = 10_000, "images or nested values"  # numbers in a list that is no image, and what is no list
 
 HEAD_ROWS = 1000
 """Rows by which the kinds of columns are told."""

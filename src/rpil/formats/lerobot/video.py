@@ -104,10 +104,8 @@ def picture(path: Path, seconds: float, fps: float, width: int) -> bytes:
 
 
 def find_faults(shots: Sequence[Shot], fps: float, states: Mapping[int, Array] | None = None) -> Iterator[Defect]:
-    """Videos that are not there, or damaged, and episodes with more or fewer frames than rows.
-
-    With the `states` of the episodes, (N, D) each, also faults of the pictures.
-    """
+    """Videos that are not there, or damaged, and episodes with more or fewer frames than rows; with the `states` of the
+    episodes, (N, D) each, also faults of the pictures."""
     by_file = defaultdict[Path, list[Shot]](list)
     for shot in shots:
         by_file[shot.path].append(shot)
