@@ -49,6 +49,7 @@ ONE_ACTION = Demonstrations(TOY.observations, np.zeros_like(TOY.actions), TOY.of
         (RMEnt(1), {"X": TOY.demonstrations.select([0])}, "1 sample. cannot be compared; give at least two"),
         (RMEnt(0), {}, "n_trusted=0 of 12 demonstrations; give a whole number from 1 to 12, or a sh"),
         *((RMEnt(n), {}, f"n_trusted={n!r} of 12") for n in (13, 1.0, 1.5, "all")),
+        (RPIL(), {"X": TOY.observations, "y": TOY.actions[:, None] * [1, 1], "groups": TOY.groups}, "combinations"),
         (RMEnt(1), {"X": "a.csv"}, "a.csv: fit takes no path; give rpil.read.PATH., or RPIL rpil.open.PATH."),
         (UNIFORM, {"labels": {"d99": "good"}}, "d99"),
         (UNIFORM, {"labels": {"d0": "great"}}, "'d0': unknown label 'great'"),
