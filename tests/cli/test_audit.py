@@ -33,7 +33,7 @@ DOUBT = (
     "The answers do not predict each other by any measured fact, so that no other demonstration gets a verdict; check "
     "some of the answers, or answer about further ones."
 )
-NOTES = ("The two groups: A has 20 demonstrations and B 20; B takes longer, pauses less and has a longer path.",) * 3
+NOTES = ("The two groups: A has 20 demonstrations and B 20; B takes longer, is smoother and has a longer path.",) * 3
 KINDS = {
     "nobody": make_audit(("open",) * 40, finding="no outliers", **PAIR),
     "outliers": make_audit(VERDICTS, deviations=DEVIATIONS, fps=20.0, **PAIR),

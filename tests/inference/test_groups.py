@@ -9,7 +9,7 @@ import pytest
 from scipy.special import expit, logit
 from scipy.stats import beta, norm
 
-from rpil.inference.groups import Groups, expert_share_interval, fit_groups, normals
+from rpil.inference.groups import Groups, expert_share_interval, fit_groups, least_within, one_group, two_groups
 from rpil.inference.settings import GroupSettings
 
 
@@ -19,13 +19,34 @@ def fitted(score, variance=None, steps=100, **settings) -> Groups:
     return fit_groups(score, variance, np.full(m, steps), GroupSettings(**settings))
 
 
-def of_one(score, variance, settings):
-    return normals(score, variance, [np.ones((1, len(score)), dtype=bool)], settings)
+def best_two_piece_normal(score, variance):
+    """Log-likelihood of the best of very many two-piece normals."""
+    spreads = score.std() * np.geomspace(1e-3, 4, 60)
+    modes = np.concatenate([score, np.linspace(score.min(), score.max(), 40)])
+    best = -np.inf
+    for mode in modes:
+        sides = np.sqrt(spreads[:, None] ** 2 + variance)
+        z = ((score - mode) / sides) ** 2 / 2
+        left, right = ((z * of).sum(axis=1) for of in (score < mode, score >= mode))
+        total = np.log(sides[:, None] + sides).sum(axis=2)
+        best = max(best, len(score) * np.log(2 / np.sqrt(2 * np.pi)) - (left[:, None] + right + total).min())
+    return best
 
 
-def of_two(score, variance, settings):
-    cuts = np.quantile(score, settings.start_quantiles)
-    return normals(score, variance, [np.stack([score <= cut, score > cut]) for cut in cuts], settings)
+@pytest.mark.parametrize("kind", ["normal", "skewed", "heavy tails", "two groups", "one spike"])
+def test_one_group_finds_the_best_mode_and_spreads(kind):
+    rng = np.random.default_rng(3)
+    score = {
+        "normal": rng.normal(size=40),
+        "skewed": -rng.gamma(1.5, size=40),
+        "heavy tails": rng.standard_t(2, size=40),
+        "two groups": np.concatenate([rng.normal(size=25), 6 + rng.normal(size=15)]),
+        "one spike": np.concatenate([rng.normal(size=20), 3 + 0.05 * rng.normal(size=20)]),
+    }[kind]
+    variance = 0.3 * score.var() * rng.gamma(2, size=40)
+    found = one_group(score, variance)
+    assert found >= best_two_piece_normal(score, variance) - 1e-9
+    assert one_group(1e3 * score + 7, 1e6 * variance) == pytest.approx(found - 40 * np.log(1e3), abs=1e-4)
 
 
 SETTINGS = GroupSettings()
@@ -96,29 +117,13 @@ def test_quantiles_are_of_all_scores():
 
 def test_the_bayes_factor_is_that_of_bic():
     variance = np.random.default_rng(0).gamma(2, 1e-3, size=len(TWO))
-    groups, one, two = fitted(TWO, variance), of_one(TWO, variance, SETTINGS), of_two(TWO, variance, SETTINGS)
-    assert groups.log_bayes_factor == pytest.approx(two.log_likelihood - one.log_likelihood - 1.5 * np.log(len(TWO)))
-    np.testing.assert_allclose(groups.mean, two.mean)
-    assert (groups.noise, groups.share) == (two.noise, two.share[1])
-
-
-def test_the_share_of_the_variance_is_the_likelier_one():
-    variance = np.random.default_rng(0).gamma(2, 1e-2, size=len(TWO))
-    alone = [of_two(TWO, variance, replace(SETTINGS, noise_shares=(c,))) for c in SETTINGS.noise_shares]
-    best = max(alone, key=lambda found: found.log_likelihood)
-    assert of_two(TWO, variance, SETTINGS).noise == best.noise
-    assert alone[0].log_likelihood != alone[1].log_likelihood
-
-
-def test_one_group_is_the_normal_that_explains_the_scores_best():
-    rng = np.random.default_rng(3)
-    variance = rng.gamma(2, 0.3, size=400)
-    score = rng.normal(size=400) + np.sqrt(variance) * rng.normal(size=400)
-    found = of_one(score, variance, GroupSettings(noise_shares=(1.0,), prior_spread=1e-9, tol=1e-12, max_iter=9999))
-    grid = np.meshgrid(score.mean() + np.linspace(-1, 1, 81), score.var() * np.geomspace(1e-2, 2, 81))
-    best = max(norm.logpdf(score, mean, np.sqrt(t + variance)).sum() for mean, t in np.reshape(grid, (2, -1)).T)
-    assert found.log_likelihood == pytest.approx(best, abs=0.02)
-    assert found.log_likelihood == pytest.approx(norm.logpdf(score, found.mean, np.sqrt(found.spread + variance)).sum())
+    groups = fitted(TWO, variance)
+    each = (replace(SETTINGS, noise_shares=(c,)) for c in SETTINGS.noise_shares)
+    two = max((two_groups(TWO, variance, settings) for settings in each), key=lambda found: found[0])
+    one = max(one_group(TWO, c * variance) for c in SETTINGS.noise_shares)
+    assert groups.log_bayes_factor == pytest.approx(two[0] - one - np.log(len(TWO)))
+    np.testing.assert_allclose(groups.mean, two[1].mean)
+    assert groups.noise == two[1].noise
 
 
 def test_of_very_many_scores_quantiles_are_fitted():
@@ -135,10 +140,10 @@ def test_of_very_many_scores_quantiles_are_fitted():
 def test_two_groups_have_the_likelihood_that_they_say():
     rng = np.random.default_rng(1)
     variance = rng.gamma(2, 0.01, size=len(TWO))
-    found = of_two(TWO, variance, replace(SETTINGS, noise_shares=(0.5,)))
+    log_likelihood, found = two_groups(TWO, variance, replace(SETTINGS, noise_shares=(0.5,)))
     widths = np.sqrt(found.spread + 0.5 * variance[:, None])
-    density = norm.pdf(TWO[:, None], found.mean, widths) @ found.share
-    assert found.log_likelihood == pytest.approx(np.log(density).sum(), abs=1e-3)
+    density = norm.pdf(TWO[:, None], found.mean, widths) @ [1 - found.share, found.share]
+    assert log_likelihood == pytest.approx(np.log(density).sum(), abs=1e-3)
 
 
 def test_two_groups_are_where_em_stands_still():
@@ -146,11 +151,11 @@ def test_two_groups_are_where_em_stands_still():
     rng = np.random.default_rng(1)
     score = np.concatenate([rng.normal(0, 0.3, 12), rng.normal(1, 0.2, 9)])
     variance = rng.gamma(2, 0.01, size=21)
-    found = of_two(score, variance, GroupSettings(noise_shares=(0.5,), tol=1e-13, max_iter=5000))
+    _, found = two_groups(score, variance, GroupSettings(noise_shares=(0.5,), tol=1e-13, max_iter=5000))
     widths = found.spread + 0.5 * variance[:, None]
-    joint = norm.pdf(score[:, None], found.mean, np.sqrt(widths)) * found.share
+    joint = norm.pdf(score[:, None], found.mean, np.sqrt(widths)) * [1 - found.share, found.share]
     own = joint / joint.sum(axis=1, keepdims=True)
-    np.testing.assert_allclose(found.share, (own.sum(axis=0) + 1) / 23, atol=1e-6)
+    assert found.share == pytest.approx((own[:, 1].sum() + 1) / 23, abs=1e-6)
     np.testing.assert_allclose(
         found.mean, (own / widths * score[:, None]).sum(axis=0) / (own / widths).sum(axis=0), atol=1e-6
     )
@@ -161,9 +166,16 @@ def test_two_groups_are_where_em_stands_still():
     np.testing.assert_allclose(found.spread, ((own * square).sum(axis=0) + prior) / (own.sum(axis=0) + 1), atol=1e-6)
 
 
+def test_no_first_step_moves_a_parameter_by_more_than_1():
+    seen, far = [], np.array([30.0, 20.0])
+    loss = lambda x: seen.append(x) or (float((x - far) @ (x - far)), 2 * (x - far))  # noqa: E731
+    assert least_within(loss, np.zeros(2), np.array([[-99.0, 99.0]] * 2)) == pytest.approx(0.0, abs=1e-9)
+    assert np.abs(seen[1] - seen[0]).max() == 1
+
+
 def test_groups_of_one_are_no_groups():
-    assert of_two(np.array([0.0, 5.0, 5.0, 5.0, 5.01]), np.full(5, 1e-6), SETTINGS) is None
-    assert of_two(np.arange(3.0), np.full(3, 1e-6), SETTINGS) is None
+    assert two_groups(np.array([0.0, 5.0, 5.0, 5.0, 5.01]), np.full(5, 1e-6), SETTINGS) is None
+    assert two_groups(np.arange(3.0), np.full(3, 1e-6), SETTINGS) is None
 
 
 def test_interval_of_the_share():

@@ -130,7 +130,8 @@ def weigh(
     if not values.size:
         return Witnesses(values, np.ones(values.shape[1]), np.ones(values.shape[1]))
     n, levels = len(values), [levels_of(column, settings.max_levels) for column in values.T]
-    priors, (alike, opposed, n_same) = [prior_counts(level, settings) for level in levels], most_alike(levels)
+    priors, (alike, opposed) = [prior_counts(level, settings) for level in levels], most_alike(levels)
+    n_same = [sum(np.array_equal(level, other) for other in levels) for level in levels]
     found = np.stack([log_ratio(counts)[level] for level, counts in zip(levels, priors, strict=True)], axis=1)
     # Whether what a witness says of other folds, as it is thought beforehand, predicts its levels.
     folds = (held_out(rows, evidence[:n] + said, settings) for said in found.T)
@@ -181,10 +182,9 @@ def log_ratio(counts: Float[Array, "2 K"]) -> Float[Array, " K+1"]:
     return np.append(good - bad, 0.0)
 
 
-def most_alike(levels: list[Int[Array, " M"]]) -> tuple[Bool[Array, "W W"], Bool[Array, " W"], Int[Array, " W"]]:
-    """Which witnesses are taken for each one: itself, the most correlated one, and all others from `TOO_ALIKE` on;
-    whether one of these is low where it is high, by more than chance; and how many count as one from `TOO_ALIKE` on.
-    Correlations are those where both are known."""
+def most_alike(levels: list[Int[Array, " M"]]) -> tuple[Bool[Array, "W W"], Bool[Array, " W"]]:
+    """Which witnesses are taken for each one: itself, the most correlated one, and all others from `TOO_ALIKE` on; and
+    whether one of these is low where it is high, by more than chance. Correlations are those where both are known."""
     size, opposed = -np.eye(len(levels)), np.zeros((len(levels), len(levels)), dtype=bool)
     for i, j in permutations(range(len(levels)), 2):
         known = (levels[i] >= 0) & (levels[j] >= 0)
@@ -193,8 +193,7 @@ def most_alike(levels: list[Int[Array, " M"]]) -> tuple[Bool[Array, "W W"], Bool
             correlation = np.corrcoef(one, other)[0, 1]
             size[i, j], opposed[i, j] = abs(correlation), correlation * np.sqrt(len(one)) < -2
     alike = size >= np.minimum(size.max(axis=1, keepdims=True), TOO_ALIKE)
-    n_same = 1 + (size >= TOO_ALIKE).sum(axis=1)
-    return alike | np.eye(len(levels), dtype=bool), (alike & opposed).any(axis=1), n_same
+    return alike | np.eye(len(levels), dtype=bool), (alike & opposed).any(axis=1)
 
 
 def reliability(
