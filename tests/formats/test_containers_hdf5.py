@@ -13,7 +13,7 @@ from rpil.data.arrays import LONGEST_TEXT
 from rpil.data.errors import DataError
 from rpil.formats.columns import ColumnOptions
 from rpil.formats.registry import find
-from rpil.formats.step_arrays import NO_STEPS, NOT_IN_FIRST, OF_WHOLE
+from rpil.formats.step_arrays import NO_STEPS, NOT_IN_ALL, OF_WHOLE
 
 
 def contents(path):
@@ -126,15 +126,18 @@ def test_facts_are_numbers_or_short_texts(tmp_path, first, other, found):
         assert [value for _, value in rpil.open(path, operator="fact").operators] == [*found, found[1]]
 
 
-def test_demonstrations_that_differ_from_the_first_are_skipped_if_asked(tmp_path):
+@pytest.mark.parametrize("odd", ["demo_0", "demo_2"])
+def test_a_demonstration_that_differs_from_most_is_skipped_if_asked(tmp_path, odd):
     path = robomimic(tmp_path / "lift.hdf5")
     with h5py.File(path, "r+") as file:
-        del file["data/demo_2/obs/gripper"]
-        file["data/demo_2/obs/gripper"] = np.ones((3, 2))
-    with refused(r"'demo_2': 'obs/gripper' has the shape \(3, 2\) .*; write it again, or read with skip_bad=True"):
+        del file[f"data/{odd}/obs/gripper"]
+        file[f"data/{odd}/obs/gripper"] = np.ones((3, 2))
+    with refused(rf"'{odd}': 'obs/gripper' has the shape \(3, 2\) .*; read with skip_bad=True, or leave"):
         rpil.read(path)
     recording = rpil.open(path, skip_bad=True)
-    assert (recording.left_out, recording.ids) == (("Skipped, because damaged: demo_2.",), ("demo_0", "demo_10"))
+    assert recording.left_out == (f"Skipped, because damaged: {odd}.",)
+    assert {*recording.ids} == {"demo_0", "demo_2", "demo_10"} - {odd}
+    assert "not in the data" not in str(rpil.check(recording))
 
 
 def test_a_demonstration_is_as_long_as_the_longest_actions_that_are_named(tmp_path):
@@ -222,7 +225,7 @@ def test_what_is_not_read_is_named(tmp_path):
             file[f"data/{demo}/operator"] = np.array(["Ann" if k else "Bo"] * (10 + k), object)
     recording = formats.read_recording(path)
     about = recording.description
-    assert (about.ignored["obs/force"], about.ignored["about"]) == (NOT_IN_FIRST, NO_STEPS)
+    assert (about.ignored["obs/force"], about.ignored["about"]) == (NOT_IN_ALL, NO_STEPS)
     links = "Not read, because they are links: data/demo_4."
     assert {links, "Left out, because they are links, or hold no actions: version."} <= {*about.notes}
     # Texts of any length, as h5py writes them.

@@ -96,12 +96,18 @@ def test_a_return_within_an_object_ends_no_line(end, blank, tmp_path):
     assert rpil.open(tmp_path / "b.jsonl").description.format == "JSON lines"
 
 
-def test_an_observation_without_values_is_no_column_and_a_missing_flag_is_a_missing_value(tmp_path):
-    seen = [{"x": k % 4 / 7, "on": None if k == 7 else k % 3 > 0, "image": None} for k in range(40)]
+def test_a_missing_flag_is_a_missing_value_and_no_observation_is_lost_in_silence(tmp_path):
+    seen = [{"x": k % 4 / 7, "on": None if k == 7 else k % 3 > 0} for k in range(40)]
     rows = [{"episode": k // 5, "action": k % 3 / 7, "observation": one} for k, one in enumerate(seen)]
     recording = rpil.open(write(tmp_path / "a.jsonl", rows), skip_bad=True)
-    assert (recording.description.ignored, recording.set_aside) == ({"observation.image": "no values"}, (1,))
+    assert recording.set_aside == (1,)
     assert "1: on is nan at step 2" in str(rpil.check(tmp_path / "a.jsonl")).replace("missing values: ", "")
+    for k in range(2):  # blank in the first file alone
+        values = "".join(f"{n},{n % 3},{n * k if k else ''}\n" for n in range(9))
+        (tmp_path / f"r{k}.csv").write_text(f"observation.x,action,observation.y\n{values}")
+    (tmp_path / "a.jsonl").unlink()
+    with pytest.raises(DataError, match=r"r0\.csv.* 'observation.y' has no value"):
+        rpil.read(tmp_path)
 
 
 EMPTY = "3 of the 12 files that it names are empty: rows 3-5, 3.jpg to 5.jpg; leave these steps out"

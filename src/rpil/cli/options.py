@@ -126,9 +126,7 @@ COLUMN_OPTIONS = (
     ),
     click.option("--only", metavar="IDS", multiple=True, help="Read only these demonstrations, as 0-16,22."),
     click.option("--without", metavar="IDS", multiple=True, help="Leave these demonstrations out, as 3,7."),
-    click.option(
-        "--skip-bad", is_flag=True, help="Leave out demonstrations with missing values, and damaged files in folders."
-    ),
+    click.option("--skip-bad", is_flag=True, help="Leave out demonstrations with missing values, and damaged ones."),
     click.option(
         "--memory",
         metavar="SIZE",

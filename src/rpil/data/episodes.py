@@ -7,7 +7,6 @@ become columns, each with a name.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import chain
 
 import numpy as np
 
@@ -22,8 +21,10 @@ NAMES = ("observations", "obs", "observation"), ("actions", "acts", "action")
 def lay_end_to_end(
     episodes: Iterable[object], ids: Iterable[object] | None, source: str
 ) -> tuple[Array, Array, Array, tuple[Id, ...], tuple[str, ...]]:
-    """Observations (N, D), actions, offsets (M + 1,), ids and the names of the observations of M `episodes`. A
-    `DataError` where an episode cannot be read, or has other columns than the first."""
+    """Observations (N, D), actions, offsets (M + 1,), ids and the names of the observations of M `episodes`.
+
+    A `DataError` where an episode cannot be read, or has other columns than the first.
+    """
     given = list(episodes)
     check_any(len(given), source)
     names = as_ids(range(len(given)) if ids is None else ids, source)
@@ -101,8 +102,6 @@ def _as_table(part: object, what: str, where: str) -> tuple[Array, tuple[str, ..
 
 def _columns(part: object, name: str, what: str, where: str) -> dict[str, Array]:
     """The arrays in nested dicts, by their names joined with dots; an array by itself is called ""."""
-    if isinstance(part, list | tuple) and part and all(isinstance(step, Mapping) for step in part):
-        part = {key: [step.get(key) for step in part] for key in dict.fromkeys(chain(*part))}  # a dict for each step
     # A dict, or imitation's DictObs, has entries by name; a table of pandas is an array.
     if not hasattr(part, "items") or hasattr(part, "__array__"):
         return {name: as_array(part, f"{what} {name!r}" if name else f"{what}s", where)}

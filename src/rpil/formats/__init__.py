@@ -75,7 +75,7 @@ def read(path: StrPath | Frame | Iterable[object], **columns: Unpack[ReadOptions
     only, without : str, int or sequence of these
         Ids of the only demonstrations to read, and of those to leave out: ``"0-16,22"`` has a range.
     skip_bad : bool
-        Leave out demonstrations with a missing or infinite value, and damaged files of a folder, with a warning.
+        Leave out demonstrations with a missing or infinite value, and damaged files or groups, with a warning.
     memory : int or str, optional
         Bytes that the data may take, as a number or as text such as "4GB"; by default half of the free memory.
 

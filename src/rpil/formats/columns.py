@@ -49,7 +49,7 @@ class ColumnOptions:
     outcome : str, or several
         The column, or file, that says how each ended, or "length", with a minus before it where more is worse.
     skip_bad : bool or "damage"
-        Whether demonstrations with missing values are set aside, and damaged files of a folder skipped; or these alone.
+        Whether demonstrations with missing values are set aside, and damaged files or groups skipped; or these alone.
     allow_missing : bool
         Whether demonstrations may hold values that are missing or infinite, as for `rpil.check`; no fit is given them.
     on_disk : bool

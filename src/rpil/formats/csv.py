@@ -157,7 +157,7 @@ def find_text_columns(file: TextTable, options: ColumnOptions, default_id: str |
     signs = "." if file.separator == "," else ",", ","
     kinds, by_comma = (flat.kinds_of(first.slice(0, flat.HEAD_ROWS), sign) for sign in signs)
     wrong = [name for name, kind in kinds.items() if kind != by_comma[name]]
-    fault = "column {} has decimal commas; write points, or semicolons between columns."
+    fault = "column {} has decimal commas; write points, semicolons between columns, or --action-kind discrete."
     try:
         columns = find_columns(kinds, file.path.name, options, default_id)
     except DataError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -23,7 +24,7 @@ from rpil.formats.scan import commas, without_damaged
 from rpil.formats.table import BATCH_ROWS, Kind
 from rpil.numerics.types import Array
 
-NO_STEPS, NOT_IN_FIRST = "not one value for each step", "not in the first demonstration"
+NO_STEPS, NOT_IN_ALL = "not one value for each step", "not in every demonstration"
 OF_WHOLE = "one value for each demonstration, which --outcome, --operator, --session and --task can name"
 
 MAX_MATRIX = 1024
@@ -100,7 +101,7 @@ def from_parts(
     metadata: Metadata = Metadata(),
     notes: tuple[str, ...] = (),
 ) -> StepTables:
-    """The recording in all parts, whose columns are those of the first; `id_column` is the id unless `options` say so.
+    """The recording in all parts, whose columns are those of most; `id_column` is the id unless `options` say so.
 
     A `DataError` where a column is not found or missing in a part, differs in shape, or takes too much memory.
     """
@@ -108,22 +109,24 @@ def from_parts(
         notes = (*notes, f"Left out, because they have no steps: {commas(empty)}.")
     parts = [part for part in parts if part.n_steps]
     check_any(len(parts), source)
-    first = parts[0]
+    layouts = [frozenset((m, one.shape[1:]) for m, one in part.arrays.items() if part.has_steps(m)) for part in parts]
+    first = parts[layouts.index(Counter(layouts).most_common(1)[0][0])]
     kinds = {name: first.kind(name) for name in (*first.arrays, *first.about)}
     widths = {name: math.prod(first.arrays[name].shape[1:]) for name, kind in kinds.items() if kind == "list"}
     lists = {name: flat.part_names(name, width, metadata.names.get(name, ())) for name, width in widths.items()}
     columns = find_columns(kinds, source, replace(options, id=options.id or id_column), lists=lists)
     without = [m for m in {*columns.ignored} - {*columns.all} if m in first.arrays and not first.has_steps(m)]
-    more = (name for part in parts[1:] for name in (*part.arrays, *part.about) if name not in kinds)
+    more = (name for part in parts for name in (*part.arrays, *part.about) if name not in kinds)
     told = {m: NO_STEPS if first.fact(m) is None else OF_WHOLE for m in without}
-    columns = replace(columns, ignored={**columns.ignored, **told, **dict.fromkeys(more, NOT_IN_FIRST)})
+    columns = replace(columns, ignored={**columns.ignored, **told, **dict.fromkeys(more, NOT_IN_ALL)})
     others = {*columns.all} - {*columns.actions, *columns.observations}
     facts = [m for m in others if first.fact(m) is not None]
     steps = [name for name in columns.stored if name not in facts]
     named = {str(part.about.get(id_column, k)): part for k, part in enumerate(parts)}
     places = {m: f"{source}, demonstration {m!r}" if id_column in part.about else source for m, part in named.items()}
-    check = partial(_check, first, steps, facts)
+    check = partial(_check, first, steps, facts, "read with --skip-bad" if len(parts) > 1 else "write it again")
     sound, skipped = without_damaged(named, lambda m: check(named[m], places[m]), options.skip_bad)
+    metadata = replace(metadata, lengths={m: n for m, n in metadata.lengths.items() if str(m) not in skipped})
     whole = {name: np.array([part.fact(name) for part in sound.values()]).tolist() for name in facts}
     parts = [replace(part, about={m: own[k] for m, own in whole.items()}) for k, part in enumerate(sound.values())]
     if not options.on_disk:
@@ -146,18 +149,16 @@ def from_parts(
     return StepTables(tables, columns, source, format_name, {}, metadata, notes, skipped=(*skipped,))
 
 
-def _check(first: Part, steps: Sequence[str], facts: Sequence[str], part: Part, place: str) -> Part:
+def _check(first: Part, steps: Sequence[str], facts: Sequence[str], remedy: str, part: Part, place: str) -> Part:
     """The part; a `DamagedError` where it lacks a column, or has one of another shape than the `first` part."""
     for name in (*steps, *facts):
         array: Any = part.arrays.get(name)
         if (part.fact(name) if name in facts else array) is None:
-            remedy = f"read with --skip-bad, or leave {name!r} out"
-            raise DamagedError(f"{place}: it has no {name!r}, as others have; {remedy}.")
+            raise DamagedError(f"{place}: it has no {name!r}, as others have; {remedy}, or leave {name!r} out.")
         is_other = name in steps and name in first.arrays and array.shape[1:] != first.arrays[name].shape[1:]
         if is_other or (name in steps and part.kind(name) == "nested"):
-            has = f"the shape {array.shape} and the type {array.dtype} for {part.n_steps:,} actions"
-            said = f"{name!r} has {has}, not one row of as many numbers for each"
-            raise DamagedError(f"{place}: {said}; write it again, or read with --skip-bad.")
+            has = f"{name!r} has the shape {array.shape} and the type {array.dtype} for {part.n_steps:,} actions"
+            raise DamagedError(f"{place}: {has}, not one row of as many numbers for each; {remedy}, or leave it out.")
     return part
 
 
