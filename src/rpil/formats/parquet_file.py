@@ -40,8 +40,6 @@ def opened(path: StrPath) -> Iterator[pq.ParquetFile]:
             if texts:
                 file = pq.ParquetFile(stream, metadata=file.metadata, read_dictionary=texts, **options)
             yield file
-    except DataError:
-        raise
     except Exception:
         with guarded(Path(path).name, "not a Parquet file, or a damaged or truncated one", "write it again"):
             with pa.OSFile(str(path)) as stream:
