@@ -287,7 +287,8 @@ class Dataset(DemonstrationSet):
         """
         bounds = shard_bounds(self.offsets, n_shards, block_steps)
         steps = replace(self.steps, place=None, sizes={})  # which grow with the data, and serve messages alone
-        return [Shard(steps.part(one[0], one[-1]), self.layout, tuple(one)) for one in bounds]
+        own = ((steps.ids[one[0] : one[-1]], steps.offsets[one[0] : one[-1] + 1], one) for one in bounds)
+        return [Shard(replace(steps, ids=ids, offsets=rows), self.layout, tuple(one)) for ids, rows, one in own]
 
     def select(self, indices: Indices) -> Demonstrations:
         """The demonstrations at `indices` (integers, a slice or a mask over the M), in that order, in memory."""

@@ -176,10 +176,6 @@ class Steps:
         ids, offsets = tuple(compress(self.ids, mask)), np.append(0, np.cumsum(lengths[mask]))
         return replace(self.taken(np.flatnonzero(np.repeat(mask, lengths))), ids=ids, offsets=offsets)
 
-    def part(self, first: int, end: int) -> Steps:
-        """The same table with the demonstrations ``first:end``, whose rows keep their numbers."""
-        return replace(self, ids=self.ids[first:end], offsets=self.offsets[first : end + 1])
-
     def tables(
         self, columns: Sequence[str], first: int = 0, last: int | None = None
     ) -> Iterator[tuple[int, pa.Table, Place]]:
