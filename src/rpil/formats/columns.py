@@ -137,17 +137,12 @@ class Columns:
         return list(dict.fromkeys(owners.get(name, name) for name in self.all))
 
     @property
-    def facts(self) -> list[str]:
-        """The columns of the session and of the outcomes."""
-        outcomes = (name.removeprefix("-") for name in self.outcomes)
-        session = [self.session] if self.session not in (None, FILE_SESSION) else []
-        return list(dict.fromkeys([*session, *(name for name in outcomes if name != LENGTH)]))
-
-    @property
     def all(self) -> list[str]:
         """All columns to read, without the one that no file has."""
         data, ones = (self.episode, *self.actions, *self.observations), (self.operator, self.task, self.intervention)
-        others = *self.orders, *self.index, *self.parts, *self.times, *ones, *self.facts
+        outcomes = (name.removeprefix("-") for name in self.outcomes)
+        facts = *([self.session] * (self.session != FILE_SESSION)), *(name for name in outcomes if name != LENGTH)
+        others = *self.orders, *self.index, *self.parts, *self.times, *ones, *facts
         return [name for name in dict.fromkeys((*data, *others)) if name not in (None, STRETCH)]
 
 

@@ -182,7 +182,6 @@ def shorter(
 
 def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
     """The facts about the M demonstrations; a `DataError` where a column that the user names cannot be one."""
-    table = steps.read(columns.facts)
     files, order = steps.files(steps.offsets[:-1]), None
     are_numbers = plain_name(columns.episode) == EPISODE[0] and isinstance(steps.ids[0], int)
     if files and metadata.version and are_numbers:  # LeRobot numbers them in their order
@@ -201,7 +200,7 @@ def find_facts(steps: Steps, columns: Columns, metadata: Metadata) -> Facts:
         sessions = tuple(str(value) for _, value in pairs)
     outcomes, lengths = list[Array](), np.diff(steps.offsets).astype(float)
     for column, less in ((one.removeprefix("-"), one.startswith("-")) for one in columns.outcomes):
-        found = lengths if column == LENGTH else flat.numbers_or_missing(table[column])
+        found = lengths if column == LENGTH else flat.numbers_or_missing(steps.read([column])[column])
         if found is not None and column != LENGTH:
             found = outcome_of_steps(found.astype(float), steps.offsets, column)
         if found is None:
