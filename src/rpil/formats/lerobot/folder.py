@@ -120,12 +120,6 @@ def joined_stats(episodes: Sequence[Mapping[str, Parsed]]) -> dict[str, Parsed]:
     return {"count": [int(counts.sum())], **{name: numbers.tolist() for name, numbers in found.items()}}
 
 
-def with_column(table: pa.Table, name: str, values: Sequence[object] | Array) -> pa.Table:
-    """The table with other values of the same type in one of its columns."""
-    field = table.schema.field(name)
-    return table.set_column(table.column_names.index(name), field, pa.array(values).cast(field.type))
-
-
 def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> None:
     """Write a new folder in the layout of version 3.0: episodes get new numbers from 0, in the order of the files."""
     old, meta = CheckedFolder(path), output / "meta"
@@ -152,9 +146,10 @@ def keep(path: Path, output: Path, ids: Set[str], options: ColumnOptions) -> Non
             table = pa.concat_tables([table.slice(rows[0], len(rows)) for rows in own.values()])
         else:
             table = table.take(np.concatenate([*own.values()]))
-        table = with_column(table, "episode_index", np.repeat([numbers[m] for m in own], [*map(len, own.values())]))
-        if "index" in table.column_names:
-            table = with_column(table, "index", np.arange(n_steps, n_steps + len(table)))
+        new = {"episode_index": np.repeat([numbers[m] for m in own], [*map(len, own.values())])}
+        new["index"] = np.arange(n_steps, n_steps + len(table))
+        for k, field in ((k, field) for k, field in enumerate(table.schema) if field.name in new):
+            table = table.set_column(k, field, pa.array(new[field.name]).cast(field.type))
         pq.write_table(table, target(output, DATA_PATH, place))
         n_steps += len(table)
     with guarded(old.path / "meta" / "episodes"):
