@@ -23,7 +23,7 @@ BUDGETS = {
     "data": (2334, 28),
     "estimators": (1831, 18),
     "faults": (2929, 120),
-    "formats": (5184, 54),
+    "formats": (5168, 54),
     "inference": (2155, 85),
     "mixture": (687, 11),
     "numerics": (581, 16),
@@ -35,7 +35,7 @@ BUDGETS = {
 }
 """Lines and numbers of each room at most. They only fall; what a room gains another one gives, or an issue grants."""
 
-LINES, PAGE_LINES, TEST_LINES = 23_174, 2_069, 23_946
+LINES, PAGE_LINES, TEST_LINES = 23_158, 2_069, 23_946
 """All lines of Python in the library, those of its pages (JS, HTML, CSS), and those of the tests, at most."""
 
 TYPES, FILES, CONTEXT_VARIABLES = 0, 0, 0
