@@ -150,7 +150,7 @@ def from_parts(
 
 
 def _check(first: Part, steps: Sequence[str], facts: Sequence[str], remedy: str, part: Part, place: str) -> Part:
-    """The part; a `DamagedError` where it lacks a column, or has one of another shape than the `first` part."""
+    """The part; a `DamagedError` with a `remedy` where it lacks a column of the `first`, or has another shape there."""
     for name in (*steps, *facts):
         array: Any = part.arrays.get(name)
         if (part.fact(name) if name in facts else array) is None:

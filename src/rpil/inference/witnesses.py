@@ -10,7 +10,7 @@ levels l, and
 
 Reliabilities are estimated by EM (Dawid and Skene 1979). Each is learned from all that others say of a demonstration:
 the regression on answers and on other witnesses (Raykar et al. 2010), but for the witness that is most alike. So two
-witnesses that err together do not confirm each other. A witness that the others do not confirm counts for nothing.
+that err together do not confirm each other; equal ones count as one. One that is not confirmed counts for nothing.
 """
 
 from __future__ import annotations
